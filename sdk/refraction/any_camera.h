@@ -1,0 +1,79 @@
+// Any camera: a closed variant over lens x port, visited once per call or once per batch.
+//
+// Frames: the camera frame is x right, y down, z forward, its origin the lens's centre in air.
+// Pixels as COLMAP has them: the centre of the top-left pixel is (0.5, 0.5). Metres. All functions
+// are thread-safe, allocate nothing, throw nothing, and leave their outputs untouched on failure.
+#pragma once
+
+#include <span>
+
+#include "rsfm/base/error.h"
+#include "rsfm/base/ray3.h"
+#include "rsfm/refraction/camera_config.h"
+#include "rsfm/refraction/camera_variant.h"
+#include "rsfm/refraction/projection.h"
+
+namespace rsfm {
+
+// Derivatives of a projection. Columns beyond the lens's own number of parameters are zero, as is
+// everything of a port that the camera has not. The derivative to a flat port's normal is that of
+// the normalised vector: it is zero along it.
+struct CameraJacobian {
+  Mat23 d_pixel_d_point;                                    // px / m
+  Eigen::Matrix<double, 2, kMaxLensParams> d_pixel_d_lens;  // px / lens parameter
+  Eigen::Matrix<double, 2, kNumPortParams>
+      d_pixel_d_port;  // px / port parameter, in the order of camera_config.h
+};
+
+class AnyCamera {
+ public:
+  // Checks everything a camera file can get wrong. kInvalidArgument; `where` is the field's name in
+  // the camera file
+  // ("params", "normal", "radius_m", ...), `detail` the index of the lens parameter for "params".
+  static Expected<AnyCamera> Create(const CameraConfig& config) noexcept;
+
+  const CameraConfig& config() const { return config_; }
+  int width() const { return config_.width; }
+  int height() const { return config_.height; }
+
+  // Point in the camera frame to pixel: the exact refracted path. The pixel may lie outside the
+  // image.
+  Projection Project(const Vec3& point_in_camera, Vec2* pixel) const noexcept;
+  Projection Project(const Vec3& point_in_camera, Vec2* pixel,
+                     Mat23* d_pixel_d_point) const noexcept;
+  Projection Project(const Vec3& point_in_camera, Vec2* pixel,
+                     CameraJacobian* jacobian) const noexcept;
+
+  // Pixel to the ray in water: origin on the port's outer surface (the camera centre without a
+  // port), unit direction.
+  Projection Backproject(const Vec2& pixel, Ray3* ray_in_camera) const noexcept;
+
+  // The same in batches; all spans have the same length. Entries that fail keep their output and
+  // get their status.
+  void Project(std::span<const Vec3> points_in_camera, std::span<Vec2> pixels,
+               std::span<Projection> statuses) const noexcept;
+  void Backproject(std::span<const Vec2> pixels, std::span<Ray3> rays_in_camera,
+                   std::span<Projection> statuses) const noexcept;
+
+  bool IsInImage(const Vec2& pixel) const noexcept {
+    return pixel.x() >= 0.0 && pixel.y() >= 0.0 && pixel.x() <= config_.width &&
+           pixel.y() <= config_.height;
+  }
+
+  // The mean of the lens's focal lengths, px.
+  double MeanFocalLength() const noexcept;
+
+  // The axis on which every refracted ray's line has a point nearest to the camera: the flat port's
+  // normal, the dome's decentring direction; the optical axis where there is no port or no
+  // decentring.
+  Vec3 RefractionAxis() const noexcept;
+
+ private:
+  AnyCamera(const CameraConfig& config, const CameraVariant& camera)
+      : config_(config), camera_(camera) {}
+
+  CameraConfig config_;
+  CameraVariant camera_;
+};
+
+}  // namespace rsfm
