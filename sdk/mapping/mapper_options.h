@@ -1,0 +1,122 @@
+// Everything that can be set about the front end and the mapper, in the rig file's `mapper`
+// section.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+
+#include "rsfm/base/error.h"
+#include "rsfm/base/static_vector.h"
+
+namespace rsfm {
+
+// How images come: a video is tracked from frame to frame, strobed stills are matched by
+// appearance.
+enum class Rhythm : std::uint8_t { kStills, kVideo };
+enum class DescriptorType : std::uint8_t { kNone, kOrb, kSift, kAkaze };  // values as in keyframe_t
+
+std::string_view ToString(Rhythm rhythm) noexcept;        // "stills", "video"
+std::string_view ToString(DescriptorType type) noexcept;  // "none", "orb", "sift", "akaze"
+bool FromString(std::string_view name, Rhythm* rhythm) noexcept;
+bool FromString(std::string_view name, DescriptorType* type) noexcept;
+int DescriptorBytes(DescriptorType type) noexcept;  // 0, 32, 128, 61
+
+// A part of the image without the scene: a time stamp burnt in, the vehicle itself. Half-open,
+// pixels; it may reach beyond the image.
+struct MaskRectangle {
+  int left = 0, top = 0, right = 0, bottom = 0;
+};
+inline constexpr int kMaxMaskRectangles = 16;
+using ImageMask = StaticVector<MaskRectangle, kMaxMaskRectangles>;
+
+struct MapperOptions {
+  // Front end.
+  Rhythm rhythm = Rhythm::kStills;
+  DescriptorType descriptor = DescriptorType::kSift;
+  int max_features = 2000;        // kept of an image
+  double contrast_limit = 0.0;    // CLAHE's clip limit for murky water; 0 leaves the image as it is
+  int grid_cell_px = 64;          // video: at least one point is sought in every cell
+  int track_window_px = 21;       // video: KLT patch
+  double track_check_px = 0.5;    // video: a track is kept when tracking back returns this near
+  double keyframe_motion = 0.08;  // video: median track motion since the keyframe, in widths
+  double keyframe_min_tracked = 0.6;  // video: or this part of the keyframe's tracks is left
+  int keyframe_max_frames = 30;       // video: or this many frames have gone by
+  ImageMask mask;
+
+  // Matching.
+  double max_ratio = 0.85;         // best to second-best descriptor distance (not squared)
+  double guided_radius_px = 16.0;  // search radius about a projected landmark
+  int match_keyframes = 4;         // newest keyframes a frame is matched with
+  int relocalise_keyframes = 4;    // older ones, most similar first, when those do not suffice
+
+  // Estimation.
+  double pixel_sigma = 1.0;         // standard deviation of a feature's position, px
+  double max_error_px = 4.0;        // an observation farther from its landmark is an outlier
+  int min_inliers = 20;             // fewer do not place a frame
+  int ransac_iterations = 1000;     // the most of one robust estimate: bounds the latency
+  double min_angle_deg = 1.0;       // of a landmark's widest pair of rays
+  double init_min_angle_deg = 2.0;  // median over the first two views
+  int init_min_inliers = 60;
+  int lost_frames_before_restart = 12;  // lost that long, a new map may begin (announced)
+  int window_keyframes = 8;             // newest keyframes that window bundle adjustment moves
+  int window_landmarks = 3000;          // the most landmarks it moves
+  int window_iterations = 10;
+  std::uint64_t seed = 1;
+
+  // Capacities: all memory is taken from them when the mapper is made.
+  int max_keyframes = 64;
+  int max_landmarks = 12000;
+  int nav_samples = 4096;
+
+  // Navigation.
+  double nav_max_gap_s = 2.0;   // samples farther apart are not interpolated between
+  double depth_sigma_m = 0.05;  // used where a sample does not state its own
+  double position_sigma_m = 1.0;
+  double attitude_sigma_deg = 1.0;
+  double velocity_sigma_mps = 0.02;
+
+  // kInvalidArgument; `where` is the option's name.
+  Status Validate() const noexcept;
+};
+
+// f(name, member) for every option but `mask`, in the order of the rig file; members are int,
+// double, std::uint64_t, Rhythm or DescriptorType. Options may be const.
+template <class Options, class F>
+void ForEachOption(Options& o, F&& f) {
+  f("rhythm", o.rhythm);
+  f("descriptor", o.descriptor);
+  f("max_features", o.max_features);
+  f("contrast_limit", o.contrast_limit);
+  f("grid_cell_px", o.grid_cell_px);
+  f("track_window_px", o.track_window_px);
+  f("track_check_px", o.track_check_px);
+  f("keyframe_motion", o.keyframe_motion);
+  f("keyframe_min_tracked", o.keyframe_min_tracked);
+  f("keyframe_max_frames", o.keyframe_max_frames);
+  f("max_ratio", o.max_ratio);
+  f("guided_radius_px", o.guided_radius_px);
+  f("match_keyframes", o.match_keyframes);
+  f("relocalise_keyframes", o.relocalise_keyframes);
+  f("pixel_sigma", o.pixel_sigma);
+  f("max_error_px", o.max_error_px);
+  f("min_inliers", o.min_inliers);
+  f("ransac_iterations", o.ransac_iterations);
+  f("min_angle_deg", o.min_angle_deg);
+  f("init_min_angle_deg", o.init_min_angle_deg);
+  f("init_min_inliers", o.init_min_inliers);
+  f("lost_frames_before_restart", o.lost_frames_before_restart);
+  f("window_keyframes", o.window_keyframes);
+  f("window_landmarks", o.window_landmarks);
+  f("window_iterations", o.window_iterations);
+  f("seed", o.seed);
+  f("max_keyframes", o.max_keyframes);
+  f("max_landmarks", o.max_landmarks);
+  f("nav_samples", o.nav_samples);
+  f("nav_max_gap_s", o.nav_max_gap_s);
+  f("depth_sigma_m", o.depth_sigma_m);
+  f("position_sigma_m", o.position_sigma_m);
+  f("attitude_sigma_deg", o.attitude_sigma_deg);
+  f("velocity_sigma_mps", o.velocity_sigma_mps);
+}
+
+}  // namespace rsfm
