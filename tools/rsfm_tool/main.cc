@@ -1,0 +1,70 @@
+// rsfm_tool: the desk. One file per verb: Declare<Verb>() says its arguments, Run<Verb>() does it.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "tools/common/exit.h"
+#include "tools/common/progress.h"
+
+namespace rsfm {
+namespace {
+
+class Verbs {
+ public:
+  explicit Verbs(CLI::App* app) : app_(app) {}
+
+  template <class Options>
+  void Add(CLI::App* (*declare)(CLI::App&, Options*), int (*run)(const Options&)) {
+    auto options = std::make_shared<Options>();
+    CLI::App* verb = declare(*app_, options.get());
+    verbs_.push_back({verb, [options, run] { return run(*options); }});
+  }
+
+  int RunParsed() const {
+    for (const Verb& verb : verbs_) {
+      if (verb.app->parsed()) return verb.run();
+    }
+    return kExitWrongRequest;
+  }
+
+ private:
+  struct Verb {
+    CLI::App* app;
+    std::function<int()> run;
+  };
+  CLI::App* app_;
+  std::vector<Verb> verbs_;
+};
+
+int Main(int argc, char** argv) {
+  CLI::App app("Refractive odometry and mapping for underwater vehicles: the desk's tool",
+               "rsfm_tool");
+  app.require_subcommand(1);
+  app.set_version_flag("--version", RSFM_VERSION);
+  Verbs verbs(&app);
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    std::fprintf(stderr, "error: %s; see rsfm_tool --help\n", error.what());
+    return kExitWrongRequest;
+  }
+  CatchInterrupts();
+  return verbs.RunParsed();
+}
+
+}  // namespace
+}  // namespace rsfm
+
+int main(int argc, char** argv) {
+  try {
+    return rsfm::Main(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "error: %s\n", error.what());
+    return rsfm::kExitFailed;
+  }
+}
