@@ -1,0 +1,116 @@
+// The recent navigation in fixed memory: one time-ordered ring for each kind of measurement, since
+// each sensor has its own rate. Samples are checked as they come in; what is refused is counted by
+// reason.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string_view>
+
+#include "rsfm/base/error.h"
+#include "rsfm/base/ring_buffer.h"
+#include "rsfm/navigation/nav_sample.h"
+
+namespace rsfm {
+
+struct NavBufferOptions {
+  int capacity = 4096;      // of each ring
+  double max_gap_s = 2.0;   // samples farther apart than this are not interpolated between
+  double max_late_s = 5.0;  // a sample may arrive this much after a newer one of its kind
+  double max_speed_mps = 20.0;
+  double max_depth_m = 12000.0;
+  double min_depth_m = -20.0;       // above the surface: waves, a vehicle on deck
+  double max_altitude_m = 12000.0;  // and above 0: a range of 0 is a sensor without an echo
+
+  // kInvalidArgument; `where` is the option's name.
+  Status Validate() const noexcept;
+};
+
+enum class NavReject : std::uint8_t {
+  kNotFinite,      // NaN or infinite value or sigma
+  kSentinel,       // the sensor's mark for "none": velocity -32.768, range 0, a negative sigma
+  kOutOfRange,     // beyond the option's limit, or a quaternion that is not of unit length
+  kRunsBackwards,  // older than the newest of its kind by more than max_late_s
+  kRepeated,       // same time as a stored one of its kind
+};
+inline constexpr int kNumNavRejects = 5;
+std::string_view ToString(NavReject reason) noexcept;  // "not_finite", ...
+
+// The body's motion between two times. Its rotation is `end * start.conjugate()`.
+struct NavMotion {
+  Vec3 displacement_ned_m = Vec3::Zero();
+  Mat3 covariance_m2 = Mat3::Zero();
+  Quat ned_from_body_start = Quat::Identity();
+  Quat ned_from_body_end = Quat::Identity();
+};
+
+class NavBuffer {
+ public:
+  // The only place that allocates.
+  static Expected<NavBuffer> Create(const NavBufferOptions& options);
+
+  // Takes the sample's valid fields, each on its own; returns the bits of those taken. Late samples
+  // go to their place. A sample older than a full ring is dropped as kRunsBackwards.
+  std::uint32_t Insert(const NavSample& sample) noexcept;
+  std::uint64_t rejected(NavReject reason) const {
+    return rejected_[static_cast<std::size_t>(reason)];
+  }
+  std::uint64_t accepted() const { return accepted_; }  // fields, not samples
+
+  // What is known at that time: linear between the neighbouring samples, geodesic for the attitude;
+  // a field whose neighbours are farther apart than max_gap_s, or on one side only and farther than
+  // a tenth of it, is not valid in the result. Sigmas: the larger of the two neighbours'.
+  NavSample At(Utime utime) const noexcept;
+
+  // Dead reckoning from body velocity, attitude and, for the vertical, depth, start <= end.
+  // Trapezoids between the velocity samples. The covariance sums each sample's noise, an attitude
+  // error constant over the interval, and the depth sensor's. Where a source states no sigma,
+  // `defaults` has it (its three velocity and attitude sigmas and sigma_depth_m).
+  //   kNotEnoughData  velocity or attitude has a gap over max_gap_s in the interval; `where` says
+  //                   which
+  //   kOutOfOrder     end before start
+  Expected<NavMotion> DeadReckon(Utime start, Utime end, const NavSample& defaults) const noexcept;
+
+  Utime newest() const { return newest_; }  // over all fields; 0 before the first
+  std::size_t bytes() const;
+
+ private:
+  struct VectorSample {
+    Utime utime = 0;
+    Vec3 value = Vec3::Zero();
+    Vec3 sigma = Vec3::Zero();
+  };
+  struct AttitudeSample {
+    Utime utime = 0;
+    Quat value = Quat::Identity();
+    Vec3 sigma = Vec3::Zero();
+  };
+  struct ScalarSample {
+    Utime utime = 0;
+    double value = 0.0;
+    double sigma = 0.0;
+  };
+
+  explicit NavBuffer(const NavBufferOptions& options);
+  void Reject(NavReject reason) { ++rejected_[static_cast<std::size_t>(reason)]; }
+  template <class Sample>
+  bool Store(const Sample& sample, TimedRingBuffer<Sample>* ring) noexcept;
+  template <class Sample>
+  bool Interpolate(const TimedRingBuffer<Sample>& ring, Utime utime, Sample* result) const noexcept;
+  bool InsertVector(NavField field, const NavSample& sample) noexcept;
+  bool InsertAttitude(const NavSample& sample) noexcept;
+  bool InsertScalar(NavField field, const NavSample& sample) noexcept;
+
+  NavBufferOptions options_;
+  TimedRingBuffer<VectorSample> position_;
+  TimedRingBuffer<AttitudeSample> attitude_;
+  TimedRingBuffer<VectorSample> velocity_;
+  TimedRingBuffer<ScalarSample> depth_;
+  TimedRingBuffer<ScalarSample> altitude_;
+  TimedRingBuffer<VectorSample> water_;  // temperature, salinity, 0
+  std::array<std::uint64_t, kNumNavRejects> rejected_{};
+  std::uint64_t accepted_ = 0;
+  Utime newest_ = 0;
+};
+
+}  // namespace rsfm

@@ -1,0 +1,225 @@
+#include "rsfm/navigation/nav_buffer.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "rsfm/base/rng.h"
+#include "rsfm/base/so3.h"
+#include "rsfm/navigation/lever_arm.h"
+#include "tests/support/malloc_trap.h"
+
+namespace rsfm {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kPi = std::numbers::pi;
+
+NavBuffer MakeBuffer(int capacity = 512) {
+  NavBufferOptions options;
+  options.capacity = capacity;
+  return NavBuffer::Create(options).value();
+}
+
+NavSample Velocity(double seconds, const Vec3& v) {
+  NavSample s;
+  s.utime = UsFromSeconds(seconds);
+  s.Set(NavField::kVelocity);
+  s.velocity_body_mps = v;
+  return s;
+}
+NavSample Attitude(double seconds, const Quat& q) {
+  NavSample s;
+  s.utime = UsFromSeconds(seconds);
+  s.Set(NavField::kAttitude);
+  s.ned_from_body = q;
+  return s;
+}
+NavSample Depth(double seconds, double depth, double sigma = 0.0) {
+  NavSample s;
+  s.utime = UsFromSeconds(seconds);
+  s.Set(NavField::kDepth);
+  s.depth_m = depth;
+  s.sigma_depth_m = sigma;
+  return s;
+}
+NavSample Defaults() {
+  NavSample d;
+  d.sigma_velocity_mps = Vec3::Constant(0.01);
+  d.sigma_attitude_rad = Vec3::Constant(0.01);
+  d.sigma_depth_m = 0.02;
+  return d;
+}
+
+TEST(NavBuffer, InterpolatesEachFieldAtItsOwnRate) {
+  NavBuffer nav = MakeBuffer();
+  for (double t = 0.0; t < 10.05; t += 0.1) nav.Insert(Depth(t, 5.0 + 0.3 * t));
+  for (double t = 0.0; t < 10.05; t += 0.5) nav.Insert(Attitude(t, ExpSo3(Vec3(0, 0, 0.2 * t))));
+  const NavSample at = nav.At(UsFromSeconds(3.33));
+  ASSERT_TRUE(at.Has(NavField::kDepth));
+  ASSERT_TRUE(at.Has(NavField::kAttitude));
+  EXPECT_FALSE(at.Has(NavField::kPosition));
+  EXPECT_FALSE(at.Has(NavField::kVelocity));
+  EXPECT_NEAR(at.depth_m, 5.0 + 0.3 * 3.33, 1e-9);
+  EXPECT_LT(AngleBetween(at.ned_from_body, ExpSo3(Vec3(0, 0, 0.2 * 3.33))), 1e-9);
+}
+
+TEST(NavBuffer, DoesNotBridgeGaps) {
+  NavBuffer nav = MakeBuffer();  // max_gap_s = 2
+  nav.Insert(Depth(0.0, 1.0));
+  nav.Insert(Depth(1.9, 2.0));
+  nav.Insert(Depth(5.0, 3.0));
+  EXPECT_TRUE(nav.At(UsFromSeconds(1.0)).Has(NavField::kDepth));
+  EXPECT_FALSE(nav.At(UsFromSeconds(3.0)).Has(NavField::kDepth));
+  EXPECT_TRUE(nav.At(UsFromSeconds(5.1)).Has(NavField::kDepth));   // just after the last
+  EXPECT_FALSE(nav.At(UsFromSeconds(5.5)).Has(NavField::kDepth));  // too long after
+  EXPECT_FALSE(nav.At(UsFromSeconds(-1.0)).Has(NavField::kDepth));
+}
+
+TEST(NavBuffer, LateSamplesGoToTheirPlace) {
+  NavBuffer in_order = MakeBuffer(), shuffled = MakeBuffer();
+  Rng rng(5);
+  for (int i = 0; i < 100; ++i) in_order.Insert(Depth(0.1 * i, std::sin(0.1 * i)));
+  for (int i = 0; i < 100; i += 4) {  // each four in reverse
+    for (int k = 3; k >= 0; --k) shuffled.Insert(Depth(0.1 * (i + k), std::sin(0.1 * (i + k))));
+  }
+  EXPECT_EQ(shuffled.accepted(), 100u);
+  for (int i = 0; i < 300; ++i) {
+    const Utime t = UsFromSeconds(rng.Uniform(0.0, 9.8));
+    EXPECT_EQ(in_order.At(t).depth_m, shuffled.At(t).depth_m);
+  }
+}
+
+TEST(NavBuffer, RefusesAndCountsBadValues) {
+  NavBuffer nav = MakeBuffer();
+  const auto refused = [&](const NavSample& sample, NavReject reason) {
+    const std::uint64_t before = nav.rejected(reason);
+    EXPECT_EQ(nav.Insert(sample), 0u) << ToString(reason);
+    EXPECT_EQ(nav.rejected(reason), before + 1) << ToString(reason);
+  };
+  nav.Insert(Depth(100.0, 5.0));
+  refused(Depth(101.0, kNan), NavReject::kNotFinite);
+  refused(Velocity(101.0, Vec3(0, kNan, 0)), NavReject::kNotFinite);
+  refused(Velocity(101.0, Vec3(-32.768, -32.768, -32.768)), NavReject::kSentinel);
+  refused(Velocity(101.0, Vec3(0, 30.0, 0)), NavReject::kOutOfRange);
+  refused(Depth(101.0, 5.0, -1.0), NavReject::kSentinel);
+  refused(Depth(101.0, 20000.0), NavReject::kOutOfRange);
+  refused(Depth(100.0, 5.5), NavReject::kRepeated);
+  refused(Depth(90.0, 5.0), NavReject::kRunsBackwards);
+  refused(Attitude(101.0, Quat(2, 0, 0, 0)), NavReject::kOutOfRange);
+  refused(Attitude(101.0, Quat(kNan, 0, 0, 0)), NavReject::kNotFinite);
+  NavSample range;
+  range.utime = UsFromSeconds(101.0);
+  range.Set(NavField::kAltitude);
+  range.altitude_m = 0.0;
+  refused(range, NavReject::kSentinel);
+  EXPECT_EQ(nav.accepted(), 1u);
+  EXPECT_EQ(nav.At(UsFromSeconds(100.0)).depth_m, 5.0);  // unharmed
+
+  // One bad field does not cost the others.
+  NavSample mixed = Depth(101.0, 6.0);
+  mixed.Set(NavField::kVelocity);
+  mixed.velocity_body_mps = Vec3(-32.768, 0, 0);
+  EXPECT_EQ(nav.Insert(mixed), static_cast<std::uint32_t>(NavField::kDepth));
+}
+
+TEST(NavBuffer, DeadReckonsACircleWithinItsCovariance) {
+  // Forward speed 0.5 m/s while turning at 0.1 rad/s: a circle of radius 5 m; depth rises by a
+  // ramp.
+  const double speed = 0.5, rate = 0.1, descent = 0.02, end = 20.0;
+  const auto fill = [&](NavBuffer* nav, double noise, Rng* rng) {
+    for (double t = 0.0; t <= end + 0.3; t += 0.05)
+      nav->Insert(Attitude(t, ExpSo3(Vec3(0, 0, rate * t))));
+    for (double t = 0.0; t <= end + 0.3; t += 0.2) {
+      const Vec3 e = noise * Vec3(rng->Gaussian(), rng->Gaussian(), rng->Gaussian());
+      nav->Insert(Velocity(t, Vec3(speed, 0, descent) + e));
+    }
+    for (double t = 0.0; t <= end + 0.3; t += 1.0) nav->Insert(Depth(t, 3.0 + descent * t));
+  };
+  const Vec3 expected(speed / rate * std::sin(rate * end),
+                      speed / rate * (1 - std::cos(rate * end)), descent * end);
+  Rng rng(11);
+  NavBuffer exact = MakeBuffer();
+  fill(&exact, 0.0, &rng);
+  const auto motion = exact.DeadReckon(0, UsFromSeconds(end), Defaults());
+  ASSERT_TRUE(motion.has_value());
+  EXPECT_LT((motion->displacement_ned_m - expected).norm(), 1e-3);  // trapezoids on a curve
+
+  // With white velocity noise the squared Mahalanobis distance averages below three dimensions'
+  // worth: the covariance holds an attitude error besides, which is absent here.
+  NavSample defaults = Defaults();
+  defaults.sigma_attitude_rad = Vec3::Constant(1e-9);
+  double sum = 0.0;
+  for (int run = 0; run < 200; ++run) {
+    NavBuffer nav = MakeBuffer();
+    fill(&nav, 0.01, &rng);
+    const auto noisy = nav.DeadReckon(0, UsFromSeconds(end), defaults);
+    ASSERT_TRUE(noisy.has_value());
+    const Eigen::Vector2d error = (noisy->displacement_ned_m - expected).head<2>();
+    const Mat2 covariance = noisy->covariance_m2.topLeftCorner<2, 2>();
+    sum += error.dot(covariance.inverse() * error);
+  }
+  EXPECT_NEAR(sum / 200.0, 2.0, 0.5);
+}
+
+TEST(NavBuffer, DepthBoundsTheVertical) {
+  NavBuffer nav = MakeBuffer();
+  for (double t = 0.0; t <= 10.0; t += 0.2) {
+    nav.Insert(Attitude(t, Quat::Identity()));
+    nav.Insert(Velocity(t, Vec3(0.3, 0.0, 0.05)));  // the vertical velocity is wrong: depth is flat
+    nav.Insert(Depth(t, 7.0));
+  }
+  NavSample defaults = Defaults();
+  defaults.sigma_depth_m = 1e-4;
+  defaults.sigma_attitude_rad = Vec3::Constant(1e-9);  // else a pitch error would explain it
+  const auto motion = nav.DeadReckon(0, UsFromSeconds(10.0), defaults);
+  ASSERT_TRUE(motion.has_value());
+  EXPECT_NEAR(motion->displacement_ned_m.z(), 0.0, 1e-3);
+  EXPECT_LT(motion->covariance_m2(2, 2), 1e-6);
+  EXPECT_NEAR(motion->displacement_ned_m.x(), 3.0, 1e-6);
+}
+
+TEST(NavBuffer, DeadReckoningSaysWhatIsMissing) {
+  NavBuffer nav = MakeBuffer();
+  for (double t = 0.0; t <= 10.0; t += 0.1) nav.Insert(Attitude(t, Quat::Identity()));
+  EXPECT_STREQ(nav.DeadReckon(0, 1000000, Defaults()).error().where, "velocity");
+  for (double t = 0.0; t <= 3.0; t += 0.5) nav.Insert(Velocity(t, Vec3::UnitX()));
+  for (double t = 6.0; t <= 10.0; t += 0.5) nav.Insert(Velocity(t, Vec3::UnitX()));
+  EXPECT_TRUE(nav.DeadReckon(0, 3000000, Defaults()).has_value());
+  EXPECT_STREQ(nav.DeadReckon(0, 8000000, Defaults()).error().where, "velocity");
+  EXPECT_EQ(nav.DeadReckon(3000000, 2000000, Defaults()).error().code, Errc::kOutOfOrder);
+}
+
+TEST(NavBuffer, AllocatesOnlyWhenMade) {
+  NavBuffer nav = MakeBuffer(64);
+  Rng rng(2);
+  MallocTrap trap;
+  for (int i = 0; i < 1000; ++i) {
+    nav.Insert(Depth(0.1 * i, 1.0));
+    nav.Insert(Velocity(0.1 * i, Vec3(0.1, 0, 0)));
+    nav.Insert(Attitude(0.1 * i, ExpSo3(Vec3(0, 0, rng.Uniform(-kPi, kPi)))));
+    nav.At(UsFromSeconds(0.1 * i - 0.05));
+    nav.DeadReckon(UsFromSeconds(0.1 * i - 1.0), UsFromSeconds(0.1 * i - 0.02), Defaults())
+        .has_value();
+  }
+  EXPECT_EQ(trap.count(), 0u);
+}
+
+TEST(LeverArm, SwingsWithTheBody) {
+  NavMotion motion;
+  motion.ned_from_body_end = ExpSo3(Vec3(0, 0, kPi / 2));  // turns right on the spot
+  const Rigid3 body_from_camera(Quat::Identity(), Vec3(1.0, 0.0, 0.0));
+  EXPECT_LT((CameraDisplacement(motion, body_from_camera) - Vec3(-1, 1, 0)).norm(), 1e-12);
+  const Rigid3 ned_from_body(motion.ned_from_body_end, Vec3(3, 2, 1));
+  const Rigid3 camera_from_ned = CameraFromNed(ned_from_body, body_from_camera);
+  EXPECT_LT((camera_from_ned.OriginOfTarget() - Vec3(3, 3, 1)).norm(), 1e-12);
+  EXPECT_LT((NedFromBody(camera_from_ned, body_from_camera).translation - Vec3(3, 2, 1)).norm(),
+            1e-12);
+  // A sensor one metre ahead of a body that turns right at 0.5 rad/s moves right at 0.5 m/s.
+  EXPECT_LT(BodyVelocity(Vec3(0, 0.5, 0), Vec3(0, 0, 0.5), Vec3(1, 0, 0)).norm(), 1e-12);
+}
+
+}  // namespace
+}  // namespace rsfm
