@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string_view>
 
 namespace rsfm {
@@ -11,19 +12,27 @@ inline constexpr int kMaxLensParams = 16;
 
 // The value is COLMAP's model id.
 enum class LensModel : std::int32_t {
+  kSimplePinhole = 0,
   kPinhole = 1,
   kSimpleRadial = 2,
+  kRadial = 3,
   kOpenCV = 4,
   kOpenCVFisheye = 5,
+  kFullOpenCV = 6,
+  kFov = 7,
+  kSimpleRadialFisheye = 8,
+  kRadialFisheye = 9,
+  kThinPrismFisheye = 10,
 };
 
+std::span<const LensModel> AllLensModels() noexcept;
 std::string_view ToString(LensModel model) noexcept;  // COLMAP's name, "OPENCV"
 std::optional<LensModel> LensModelFromName(std::string_view name) noexcept;
 std::optional<LensModel> LensModelFromColmapId(std::int32_t id) noexcept;
 int NumLensParams(LensModel model) noexcept;
-std::string_view LensParamNames(LensModel model) noexcept;  // "fx fy cx cy k1 k2 p1 p2"
-// Positions of the parameters that are focal lengths (1 or 2), principal point (2), the rest being
-// distortion.
+// The parameters' names, in order and separated by blanks: "fx fy cx cy k1 k2 p1 p2".
+std::string_view LensParamNames(LensModel model) noexcept;
+// Focal lengths come first (1 or 2), then the principal point (2), then the distortion.
 int NumFocalLengths(LensModel model) noexcept;
 
 }  // namespace rsfm

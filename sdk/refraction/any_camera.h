@@ -15,16 +15,6 @@
 
 namespace rsfm {
 
-// Derivatives of a projection. Columns beyond the lens's own number of parameters are zero, as is
-// everything of a port that the camera has not. The derivative to a flat port's normal is that of
-// the normalised vector: it is zero along it.
-struct CameraJacobian {
-  Mat23 d_pixel_d_point;                                    // px / m
-  Eigen::Matrix<double, 2, kMaxLensParams> d_pixel_d_lens;  // px / lens parameter
-  Eigen::Matrix<double, 2, kNumPortParams>
-      d_pixel_d_port;  // px / port parameter, in the order of camera_config.h
-};
-
 class AnyCamera {
  public:
   // Checks everything a camera file can get wrong. kInvalidArgument; `where` is the field's name in
