@@ -46,6 +46,12 @@ class FixedVector {
     size_ = size;
     return true;
   }
+  // The same, but new elements hold any value: for buffers that are written before they are read.
+  bool TryResizeForOverwrite(std::size_t size) {
+    if (size > capacity_) return false;
+    size_ = size;
+    return true;
+  }
   // Moves the last element into place i: O(1), order is not kept.
   void SwapRemove(std::size_t i) {
     assert(i < size_);

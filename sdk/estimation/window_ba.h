@@ -1,0 +1,177 @@
+// Window bundle adjustment in fixed memory: the poses of a few keyframes and the landmarks they
+// see, by the true image error and navigation priors.
+//
+// Levenberg-Marquardt on the normal equations with the landmarks eliminated (Schur complement).
+// [Triggs 1999, "Bundle Adjustment: A Modern Synthesis", sec. 6.1; Nielsen 1999, IMM-REP-1999-05,
+// for the damping] The cost and the damping are those of Ceres, so both reach the same optimum.
+//
+//   WindowBa ba = *WindowBa::Create(capacity);   // the only place that allocates
+//   ba.Clear(); ba.AddKeyframe(...); ba.AddLandmark(...); ba.AddObservation(...); ba.AddPrior(...);
+//   ba.Solve(cameras, options);
+//   ba.camera_from_world(k); ba.point_in_world(l); ba.PoseCovariance(k);
+//
+// Deterministic: the same calls give the same bits. Not thread-safe.
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "rsfm/base/error.h"
+#include "rsfm/base/fixed_vector.h"
+#include "rsfm/base/rigid3.h"
+#include "rsfm/estimation/block_cholesky.h"
+#include "rsfm/estimation/pose_prior.h"
+#include "rsfm/estimation/robust_loss.h"
+#include "rsfm/refraction/any_camera.h"
+
+namespace rsfm {
+
+struct WindowBaCapacity {
+  int keyframes = 16;
+  int landmarks = 3000;
+  int observations = 20000;
+  int priors = 128;
+
+  Status Validate() const noexcept;
+};
+
+struct WindowBaOptions {
+  int max_iterations =
+      20;  // the time bound: so many evaluations and so many linear solves, at most
+  RobustLoss loss{LossType::kHuber, 1.0};  // of the image errors; scale in units of their sigma
+  double function_tolerance = 1e-6;        // stop when the cost falls by less than this fraction
+  double gradient_tolerance = 1e-10;       // stop when no entry of the gradient is larger
+  double parameter_tolerance = 1e-8;       // stop when the step is smaller than this fraction
+  double initial_trust_radius = 1e4;
+
+  Status Validate() const noexcept;
+};
+
+enum class WindowBaEnd : std::uint8_t {
+  kConverged,       // one of the tolerances was met
+  kIterationLimit,  // better than before, but the bound was reached first
+  kStuck,           // no step lowers the cost any further
+};
+
+struct WindowBaReport {
+  WindowBaEnd end = WindowBaEnd::kIterationLimit;
+  int iterations = 0;         // linear solves
+  double initial_cost = 0.0;  // sum of rho(|r|^2) / 2 over observations and priors
+  double final_cost = 0.0;
+  int num_observations = 0;
+  int num_impossible = 0;      // that could not be projected at the end: no weight, a constant cost
+  double mean_error_px = 0.0;  // of the others
+  double rms_error_px = 0.0;
+};
+
+class WindowBa {
+ public:
+  // kInvalidArgument when a capacity is not positive.
+  static Expected<WindowBa> Create(const WindowBaCapacity& capacity);
+  std::size_t bytes() const;  // on the heap, for the memory plan
+
+  void Clear();
+
+  // Each returns the index, counted from 0 since Clear(). kOutOfCapacity when full;
+  // kInvalidArgument when a number is not finite, with `where` naming it.
+  Expected<int> AddKeyframe(const Rigid3& camera_from_world, int camera = 0, bool fixed = false);
+  Expected<int> AddLandmark(const Vec3& point_in_world, bool fixed = false);
+  // Also kNotFound for a keyframe or landmark that does not exist.
+  Expected<int> AddObservation(int keyframe, int landmark, const Vec2& pixel,
+                               double sigma_px = 1.0);
+  Expected<int> AddPrior(const PosePrior& prior);
+
+  // Adjusts all free poses and landmarks. `cameras` are what the keyframes' camera indices mean.
+  // On error everything is as it was:
+  //   kInvalidArgument  an option, or a keyframe whose camera is not in `cameras`
+  //   kNotEnoughData    no observation and no prior
+  //   kDegenerate       nothing holds the poses in the world: no fixed keyframe, no absolute prior
+  // A scale that nothing holds (one fixed pose, no port, no baseline) is left where it starts.
+  Expected<WindowBaReport> Solve(std::span<const AnyCamera> cameras,
+                                 const WindowBaOptions& options) noexcept;
+
+  int num_keyframes() const { return static_cast<int>(poses_.size()); }
+  int num_landmarks() const { return static_cast<int>(points_.size()); }
+  int num_observations() const { return static_cast<int>(observations_.size()); }
+  const Rigid3& camera_from_world(int keyframe) const { return poses_[keyframe]; }
+  const Vec3& point_in_world(int landmark) const { return points_[landmark]; }
+
+  // After Solve: how each observation ended and its error. The error of one that is not kOk is 0.
+  Projection observation_status(int observation) const { return current_.status[observation]; }
+  double observation_error_px(int observation) const { return current_.error_px[observation]; }
+
+  // After Solve: the covariance of one pose's (rotation, translation) perturbation with all other
+  // unknowns marginalised out, for image noise of the stated sigmas. Zero for a fixed pose.
+  //   kNotFound    no such keyframe, or Solve has not run
+  //   kDegenerate  the data do not determine it (a free scale, an unobserved pose)
+  Expected<Mat6> PoseCovariance(int keyframe) noexcept;
+
+ private:
+  using Mat63 = Eigen::Matrix<double, 6, 3>;
+
+  struct Keyframe {
+    int camera = 0;
+    int block = -1;  // among the free poses, -1 when fixed
+    bool fixed = false;
+  };
+  struct Observation {
+    int keyframe = 0;
+    int landmark = 0;
+    Vec2 pixel = Vec2::Zero();
+    double inverse_sigma = 1.0;
+  };
+  // Everything that is known at one state of the unknowns.
+  struct Linearisation {
+    double cost = 0.0;
+    FixedVector<Mat6> pose_hessian;   // per keyframe, from its observations
+    FixedVector<Vec6> pose_gradient;  // per keyframe
+    FixedVector<Mat3> point_hessian;
+    FixedVector<Vec3> point_gradient;
+    FixedVector<Mat63> cross;  // per entry of order_: pose x point
+    FixedVector<PriorEvaluation> priors;
+    FixedVector<Projection> status;  // per observation
+    FixedVector<double> error_px;
+  };
+
+  explicit WindowBa(const WindowBaCapacity& capacity);
+  void Allocate(const WindowBaCapacity& capacity, Linearisation* linearisation) const;
+  Status CheckProblem(std::span<const AnyCamera> cameras,
+                      const WindowBaOptions& options) const noexcept;
+  void SortObservations() noexcept;
+  void Linearise(std::span<const AnyCamera> cameras, const RobustLoss& loss,
+                 const FixedVector<Rigid3>& poses, const FixedVector<Vec3>& points,
+                 Linearisation* at) const noexcept;
+  void LineariseLandmark(std::span<const AnyCamera> cameras, const RobustLoss& loss,
+                         const FixedVector<Rigid3>& poses, const Vec3& point, int landmark,
+                         Linearisation* at) const noexcept;
+  void LinearisePriors(const FixedVector<Rigid3>& poses, Linearisation* at) const noexcept;
+  // The reduced system at current_, damped by 1 / radius; false when it has no solution.
+  bool Reduce(double inverse_radius) noexcept;
+  void EliminateLandmark(int landmark, double inverse_radius) noexcept;
+  bool ComputeStep(double inverse_radius) noexcept;
+  double PredictedDecrease(double inverse_radius) const noexcept;
+  // Writes trial_poses_ and trial_points_; returns the step's length relative to the unknowns'.
+  double ApplyStep() noexcept;
+  double GradientNorm() const noexcept;
+  void Summarise(WindowBaReport* report) const noexcept;
+
+  FixedVector<Keyframe> keyframes_;
+  FixedVector<Rigid3> poses_, trial_poses_;
+  FixedVector<Vec3> points_, trial_points_;
+  FixedVector<std::uint8_t> point_fixed_;
+  FixedVector<Observation> observations_;
+  FixedVector<PosePrior> priors_;
+
+  FixedVector<int> order_;  // observations by landmark, then by keyframe
+  FixedVector<int> first_;  // of each landmark in order_, and the end
+  int num_free_ = 0;        // poses
+
+  Linearisation current_, trial_;
+  BlockCholesky reduced_;
+  FixedVector<Mat3> point_inverse_;  // of the damped point Hessian; zero where the point is held
+  FixedVector<Vec6> pose_step_;      // per free pose
+  FixedVector<Vec3> point_step_;
+  bool solved_ = false;
+};
+
+}  // namespace rsfm
