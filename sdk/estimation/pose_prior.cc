@@ -180,22 +180,11 @@ Expected<PosePrior> MakeDepthPrior(int keyframe, const Rigid3& body_from_camera,
 }
 
 Expected<PosePrior> MakeAttitudePrior(int keyframe, const Rigid3& body_from_camera,
-                                      const Quat& world_from_body,
-                                      const Vec3& sigma_roll_pitch_heading_rad) noexcept {
-  if (!AllPositive(sigma_roll_pitch_heading_rad))
-    return Fail(Errc::kInvalidArgument, "sigma_attitude_rad");
+                                      const Quat& world_from_body, const Vec3& sigma_rad) noexcept {
+  if (!AllPositive(sigma_rad)) return Fail(Errc::kInvalidArgument, "sigma_attitude_rad");
   Expected<PosePrior> prior = Make(PriorKind::kAttitude, keyframe, -1, body_from_camera,
                                    Rigid3(world_from_body, Vec3::Zero()));
-  if (!prior) return prior;
-  // A small change of (roll, pitch, heading) turns about the body's x axis, the levelled y axis and
-  // the world's z axis.
-  const Vec3 forward = world_from_body * Vec3::UnitX();
-  const double level = std::hypot(forward.x(), forward.y());
-  Mat3 axes = Mat3::Identity();
-  if (level > 1e-3)
-    axes << forward, Vec3(-forward.y() / level, forward.x() / level, 0.0), Vec3::UnitZ();
-  prior->sqrt_information.topLeftCorner<3, 3>() =
-      sigma_roll_pitch_heading_rad.cwiseInverse().asDiagonal() * axes.inverse();
+  if (prior) prior->sqrt_information.diagonal().head<3>() = sigma_rad.cwiseInverse();
   return prior;
 }
 

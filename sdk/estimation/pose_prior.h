@@ -2,9 +2,9 @@
 // these.
 //
 // The unknowns are camera_from_world; navigation speaks of the body, so every prior carries the
-// lever arm body_from_camera. World: any frame whose third axis points down for kDepth and
-// kAttitude's roll, pitch, heading (local NED). Residuals are whitened: sqrt_information times the
-// difference.
+// lever arm body_from_camera. World: any
+// frame; for kDepth one whose third axis points down (local NED). Residuals are whitened:
+// sqrt_information times the difference.
 #pragma once
 
 #include <cstdint>
@@ -57,11 +57,9 @@ Expected<PosePrior> MakePositionPrior(int keyframe, const Rigid3& body_from_came
                                       const Vec3& sigma_m) noexcept;
 Expected<PosePrior> MakeDepthPrior(int keyframe, const Rigid3& body_from_camera, double depth_m,
                                    double sigma_m) noexcept;
-// The sigmas are those of the roll, pitch and heading angles, whatever the attitude; at pitch +-90
-// degrees, where roll and heading are one, they are taken about the world's axes.
+// Sigmas about the world's axes: north, east, down.
 Expected<PosePrior> MakeAttitudePrior(int keyframe, const Rigid3& body_from_camera,
-                                      const Quat& world_from_body,
-                                      const Vec3& sigma_roll_pitch_heading_rad) noexcept;
+                                      const Quat& world_from_body, const Vec3& sigma_rad) noexcept;
 // Covariance of (rotation vector in world axes, position in the world).
 Expected<PosePrior> MakePosePrior(int keyframe, const Rigid3& body_from_camera,
                                   const Rigid3& world_from_body, const Mat6& covariance) noexcept;
