@@ -1,0 +1,50 @@
+#include "rsfm/io/rig_names.h"
+
+#include <array>
+
+namespace rsfm {
+namespace {
+
+// Index = value of the enumerator.
+constexpr std::array<std::string_view, 3> kWorldFrames = {"auto", "ned", "first_camera"};
+constexpr std::array<std::string_view, 7> kInputTypes = {
+    "rsfm.nav_t", "rsfm.dvl_t", "rsfm.ahrs_t",    "rsfm.depth_t",
+    "rsfm.ctd_t", "rsfm.fix_t", "bot_core.pose_t"};
+constexpr std::array<std::string_view, 3> kConventions = {"rsfm", "libbot", "openhumanoids"};
+
+template <class Enum, std::size_t N>
+bool Find(const std::array<std::string_view, N>& names, std::string_view name, Enum* value) {
+  for (std::size_t i = 0; i < N; ++i) {
+    if (names[i] != name) continue;
+    *value = static_cast<Enum>(i);
+    return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+std::string_view ToString(WorldFrame frame) {
+  return kWorldFrames[static_cast<std::size_t>(frame)];
+}
+std::string_view ToString(InputType type) { return kInputTypes[static_cast<std::size_t>(type)]; }
+std::string_view ToString(Convention convention) {
+  return kConventions[static_cast<std::size_t>(convention)];
+}
+bool FromString(std::string_view name, WorldFrame* frame) {
+  return Find(kWorldFrames, name, frame);
+}
+bool FromString(std::string_view name, InputType* type) { return Find(kInputTypes, name, type); }
+bool FromString(std::string_view name, Convention* convention) {
+  return Find(kConventions, name, convention);
+}
+
+std::string InputTypeNames() {
+  std::string text;
+  for (const std::string_view name : kInputTypes) {
+    text += (text.empty() ? "" : ", ") + std::string(name);
+  }
+  return text;
+}
+
+}  // namespace rsfm
