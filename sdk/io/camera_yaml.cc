@@ -7,7 +7,6 @@
 namespace rsfm {
 namespace {
 
-constexpr int kMaxColmapModelId = 64;
 constexpr std::int64_t kMaxImageSide = 1 << 16;
 constexpr double kMaxIndex = 4.0;
 constexpr double kUnitTolerance = 1e-6;
@@ -17,20 +16,12 @@ constexpr Bounds kThicknessBounds{0.0, 1.0, "give metres from 0 to 1"};
 constexpr Bounds kDistanceBounds{0.0, 10.0, "give metres from 0 to 10"};
 constexpr Bounds kRadiusBounds{1e-6, 10.0, "give the inner radius in metres, over 0, up to 10"};
 
-std::vector<std::string_view> KnownLensModels() {
-  std::vector<std::string_view> names;
-  for (int id = 0; id <= kMaxColmapModelId; ++id) {
-    if (const auto model = LensModelFromColmapId(id)) names.push_back(ToString(*model));
-  }
-  return names;
-}
-
 }  // namespace
 
 std::string LensModelNames() {
   std::string text;
-  for (const std::string_view name : KnownLensModels()) {
-    text += (text.empty() ? "" : ", ") + std::string(name);
+  for (const LensModel model : AllLensModels()) {
+    text += (text.empty() ? "" : ", ") + std::string(ToString(model));
   }
   return text;
 }
