@@ -6,13 +6,13 @@ namespace rsfm {
 namespace {
 
 // In-place lower Cholesky factor of one block; the upper triangle is set to zero.
-bool FactoriseBlock(Mat6* block, const double* original_diagonal, double relative_pivot) {
+bool FactoriseBlock(Mat6* block, const double* marked_diagonal, double relative_pivot) {
   Mat6& a = *block;
   for (int j = 0; j < 6; ++j) {
     double pivot = a(j, j);
     for (int k = 0; k < j; ++k) pivot -= a(j, k) * a(j, k);
     // Written so that NaN fails.
-    if (!(pivot > relative_pivot * original_diagonal[j]) || !(pivot > 0.0)) return false;
+    if (!(pivot > relative_pivot * marked_diagonal[j]) || !(pivot > 0.0)) return false;
     const double root = std::sqrt(pivot);
     a(j, j) = root;
     for (int i = j + 1; i < 6; ++i) {
@@ -35,9 +35,12 @@ void BlockCholesky::Reset(int num_blocks) {
   diagonal_.TryResizeForOverwrite(static_cast<std::size_t>(num_blocks) * 6);
 }
 
-bool BlockCholesky::Factorise(double relative_pivot) noexcept {
+void BlockCholesky::MarkDiagonal() noexcept {
   for (int j = 0; j < num_blocks_; ++j)
     for (int i = 0; i < 6; ++i) diagonal_[6 * j + i] = Block(j, j)(i, i);
+}
+
+bool BlockCholesky::Factorise(double relative_pivot) noexcept {
   for (int j = 0; j < num_blocks_; ++j) {
     Mat6& pivot = Block(j, j);
     for (int k = 0; k < j; ++k) pivot.noalias() -= Block(j, k) * Block(j, k).transpose();

@@ -25,8 +25,12 @@ class BlockCholesky {
   Mat6& Block(int row, int column) { return blocks_[row * (row + 1) / 2 + column]; }
   const Mat6& Block(int row, int column) const { return blocks_[row * (row + 1) / 2 + column]; }
 
+  // Remembers the diagonal as it is now: what pivots are compared with. Called before other
+  // unknowns are eliminated, whose subtraction leaves rounding errors of that size.
+  void MarkDiagonal() noexcept;
+
   // Replaces the matrix by its factor. False when a pivot falls to or below `relative_pivot` times
-  // the diagonal entry it came from: not positive definite, or not determined.
+  // its marked diagonal entry: not positive definite, or not determined.
   bool Factorise(double relative_pivot) noexcept;
 
   // x := A^-1 x with the factor. Precondition: Factorise() was true, x has num_blocks() entries.

@@ -1,6 +1,7 @@
 // The normal equations of WindowBa: linearisation, elimination of the landmarks, the step, the
 // covariance.
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -24,6 +25,20 @@ bool InvertSymmetric(const Mat3& matrix, Mat3* inverse) {
   if (!(diagonal > 1e-15 * matrix.diagonal().array()).all()) return false;
   *inverse = factor.solve(Mat3::Identity());
   return inverse->allFinite();
+}
+
+// For a landmark that lacks a direction: along that its derivatives to the poses vanish too, so
+// that it may be left out exactly.
+Mat3 PseudoInverse(const Mat3& matrix) {
+  const Eigen::SelfAdjointEigenSolver<Mat3> eigen(matrix);
+  const double cutoff = 1e-13 * eigen.eigenvalues()[2];
+  Mat3 inverse = Mat3::Zero();
+  for (int i = 0; i < 3; ++i) {
+    if (!(eigen.eigenvalues()[i] > cutoff)) continue;
+    const Vec3 axis = eigen.eigenvectors().col(i);
+    inverse += axis * axis.transpose() / eigen.eigenvalues()[i];
+  }
+  return inverse;
 }
 
 }  // namespace
@@ -152,6 +167,7 @@ bool WindowBa::Reduce(double inverse_radius) noexcept {
       if (inverse_radius > 0.0) diagonal(i, i) += Damping(diagonal(i, i), inverse_radius);
     pose_step_[block] = -current_.pose_gradient[k];
   }
+  reduced_.MarkDiagonal();
   for (std::size_t i = 0; i < priors_.size(); ++i) {
     if (!priors_[i].IsRelative()) continue;
     const int a = keyframes_[priors_[i].a].block, b = keyframes_[priors_[i].b].block;
@@ -172,15 +188,15 @@ bool WindowBa::Reduce(double inverse_radius) noexcept {
 void WindowBa::EliminateLandmark(int landmark, double inverse_radius) noexcept {
   Mat3& inverse = point_inverse_[landmark];
   Mat3 hessian = current_.point_hessian[landmark];
-  // Undamped, a whiff keeps a landmark that lacks a direction from spoiling the rest: it then says
-  // nothing about the poses in that direction.
-  for (int i = 0; i < 3; ++i)
-    hessian(i, i) += inverse_radius > 0.0 ? Damping(hessian(i, i), inverse_radius)
-                                          : 1e-12 * current_.point_hessian[landmark].trace();
-  if (point_fixed_[landmark] != 0 || !InvertSymmetric(hessian, &inverse)) {
+  if (point_fixed_[landmark] != 0) {
     inverse.setZero();
-    return;
+  } else if (inverse_radius > 0.0) {
+    for (int i = 0; i < 3; ++i) hessian(i, i) += Damping(hessian(i, i), inverse_radius);
+    if (!InvertSymmetric(hessian, &inverse)) inverse.setZero();
+  } else if (!InvertSymmetric(hessian, &inverse)) {
+    inverse = PseudoInverse(hessian);
   }
+  if (inverse.isZero(0.0)) return;
   const Vec3& gradient = current_.point_gradient[landmark];
   for (int i = first_[landmark]; i < first_[landmark + 1]; ++i) {
     const int row = keyframes_[observations_[order_[i]].keyframe].block;
