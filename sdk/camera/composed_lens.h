@@ -35,9 +35,7 @@ class ComposedLens {
   LensStatus Project(const Vec3& direction, Vec2* pixel) const noexcept {
     Vec2 p, q;
     if (!Base::template FromDirection<double>(direction, &p)) return LensStatus::kBehind;
-    if constexpr (Distortion::kNumParams > 0) {
-      if (!(p.squaredNorm() <= max_radius_squared_)) return LensStatus::kOutsideDomain;
-    }
+    if (!(p.squaredNorm() <= max_radius_squared_)) return LensStatus::kOutsideDomain;
     if constexpr (Distortion::kIsRadial) {
       Distortion::template Apply<double>(distortion(), p, &q);
     } else {
@@ -66,7 +64,7 @@ class ComposedLens {
     if constexpr (Distortion::kNumParams > 0) {
       if (!Undistort(q, &p)) return LensStatus::kOutsideDomain;
     }
-    if (!std::isfinite(p.x() + p.y())) return LensStatus::kOutsideDomain;
+    if (!(p.squaredNorm() <= max_radius_squared_)) return LensStatus::kOutsideDomain;
     return Base::ToDirection(p, direction) ? LensStatus::kOk : LensStatus::kOutsideDomain;
   }
 

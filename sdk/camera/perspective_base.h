@@ -1,15 +1,16 @@
 // The central (rectilinear) projection onto the plane z = 1.
 #pragma once
 
-#include <limits>
+#include <cmath>
 
 #include "rsfm/base/linear.h"
 
 namespace rsfm {
 
 struct PerspectiveBase {
-  static constexpr double kMaxRadius =
-      std::numeric_limits<double>::infinity();  // of the plane's points
+  // Of the plane's points: a microradian from the horizon. Beyond, pixels are no longer numbers one
+  // can work with.
+  static constexpr double kMaxRadius = 1e6;
 
   // p = (x / z, y / z). False at or behind the plane of the centre.
   template <class T>

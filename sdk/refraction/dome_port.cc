@@ -93,7 +93,7 @@ bool DomePort::Evaluate(const Plane& plane, double cosine, double sine, Path* pa
 }
 
 Projection DomePort::Solve(const Vec3& point, Plane* plane, Path* path) const noexcept {
-  if (!(point.cwiseAbs().maxCoeff() <= kMaxCoordinate)) return Projection::kNotFinite;
+  if (!IsUsable(point)) return Projection::kNotFinite;
   const Vec3 from_center = point - center_;
   const double range = from_center.norm();
   if (!(range > outer_)) return range > inner_ ? Projection::kInsideGlass : Projection::kBehindPort;
@@ -185,11 +185,15 @@ struct DomePort::Frame3 {
 DomePort::Frame3 DomePort::MakeFrame(const Plane& plane, const Path& path) const noexcept {
   Frame3 frame;
   frame.u = plane.u;
-  if (plane.camera_v > 1e-12 * plane.range) {
-    frame.v = plane.camera_across / plane.camera_v;
+  // v perpendicular to u to the last digit, however short the vector it comes from.
+  frame.v =
+      plane.camera_v > 0.0 ? Vec3(plane.camera_across / plane.camera_v) : plane.u.unitOrthogonal();
+  frame.v -= plane.u.dot(frame.v) * plane.u;
+  const double norm = frame.v.norm();
+  frame.v = norm > 0.5 ? Vec3(frame.v / norm) : plane.u.unitOrthogonal();
+  if (plane.camera_v > 1e-8 * inner_) {
     frame.across = path.sine / plane.camera_v;
-  } else {  // point, camera and centre in line: the paraxial limit
-    frame.v = plane.u.unitOrthogonal();
+  } else {  // point, camera and centre in line: the paraxial limit, good to second order
     const double k = plane.range * path.bend - air_to_water_;
     frame.across = k / (plane.range + plane.camera_u * k);
   }
@@ -221,7 +225,7 @@ Projection DomePort::RefractToAir(const Vec3& point, Vec3* direction,
     return status;
   if (!Evaluate(plane, path.cosine, path.sine, &path)) return Projection::kTotalInternalReflection;
   const Frame3 frame = MakeFrame(plane, path);
-  *direction = path.cosine * plane.u + path.sine * frame.v;
+  *direction = path.cosine * plane.u + frame.across * plane.camera_across;
   // Moving the point turns u in the plane by v.dP / R and the plane about its axis by m.dP / R.
   const double d_beta_d_turn =
       1.0 + frame.d_beta_d_camera_u * plane.camera_v - frame.d_beta_d_camera_v * plane.camera_u;
@@ -240,7 +244,7 @@ Projection DomePort::RefractToAir(const Vec3& point, Vec3* direction,
     return status;
   if (!Evaluate(plane, path.cosine, path.sine, &path)) return Projection::kTotalInternalReflection;
   const Frame3 frame = MakeFrame(plane, path);
-  *direction = path.cosine * plane.u + path.sine * frame.v;
+  *direction = path.cosine * plane.u + frame.across * plane.camera_across;
   const double d_beta_d_turn =
       1.0 + frame.d_beta_d_camera_u * plane.camera_v - frame.d_beta_d_camera_v * plane.camera_u;
   const Vec3 along = frame.d_beta_d_range * frame.u + (d_beta_d_turn / plane.range) * frame.v;

@@ -1,5 +1,6 @@
 #include "rsfm/refraction/flat_port.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace rsfm {
@@ -32,6 +33,8 @@ FlatPort::FlatPort(const PortConfig& config) noexcept
 
 namespace {
 
+constexpr int kHalleySteps = 8;  // from there on Newton, which is monotone from below
+
 // Where a u / sqrt(1 + e u^2) tends to for large u.
 double Limit(double a, double e) {
   return a > 0.0 ? a / std::sqrt(e) : 0.0;  // infinite for e = 0
@@ -40,7 +43,7 @@ double Limit(double a, double e) {
 }  // namespace
 
 Projection FlatPort::Solve(const Vec3& point, Path* path) const noexcept {
-  if (!(point.cwiseAbs().maxCoeff() <= kMaxCoordinate)) return Projection::kNotFinite;
+  if (!IsUsable(point)) return Projection::kNotFinite;
   const double z = normal_.dot(point);
   const double water = z - distance_ - thickness_;
   if (!(water > 0.0)) {
@@ -69,7 +72,6 @@ Projection FlatPort::Solve(const Vec3& point, Path* path) const noexcept {
   double u = radicand > 1e-4 * r * r ? invariant_ratio * r / std::sqrt(radicand) : paraxial;
 
   int steps = 0;
-  bool halley = true;
   for (; steps < kMaxSteps; ++steps) {
     const double uu = u * u;
     const double q1 = 1.0 / (1.0 + e1 * uu), q2 = 1.0 / (1.0 + e2 * uu);
@@ -77,20 +79,18 @@ Projection FlatPort::Solve(const Vec3& point, Path* path) const noexcept {
     const double residual = u * (l + w1 + w2) - r;
     const double d1 = w1 * q1, d2 = w2 * q2;
     const double slope = l + d1 + d2;
-    double next;
-    if (halley) {
+    double next = -1.0;
+    if (steps < kHalleySteps) {
       const double half_curvature = -1.5 * u * (e1 * d1 * q1 + e2 * d2 * q2);
       const double denominator = slope * slope - residual * half_curvature;
-      next = denominator > 0.0 ? u - residual * slope / denominator : -1.0;
-      if (steps == 8) halley = false;  // from here Newton, which is monotone from below
-    } else {
-      next = u - residual / slope;
+      if (denominator > 0.0) next = u - residual * slope / denominator;
     }
-    if (!(next >= paraxial)) next = paraxial;  // a step too far from above
+    if (!(next >= paraxial))
+      next = std::max(u - residual / slope, paraxial);  // Newton; too far from above at worst
     const double change = std::abs(next - u);
     u = next;
     // Both methods' next step would be below rounding: Halley's is of the order of the cube.
-    if (change <= (halley ? 1e-6 : 1e-9) * u) {
+    if (change <= (steps < kHalleySteps ? 1e-6 : 1e-9) * u) {
       ++steps;
       break;
     }
@@ -125,9 +125,14 @@ Projection FlatPort::RefractToAir(const Vec3& point, Vec3* direction) const noex
 
 namespace {
 
-// Unit vector along `offset`, or any perpendicular of the axis for none.
+// Unit vector along `offset`, perpendicular to the axis to the last digit however short the offset;
+// any perpendicular for none.
 Vec3 RadialUnit(const Vec3& offset, double r, const Vec3& axis) {
-  return r > 0.0 ? Vec3(offset / r) : axis.unitOrthogonal();
+  if (!(r > 0.0)) return axis.unitOrthogonal();
+  Vec3 radial = offset / r;
+  radial -= axis.dot(radial) * axis;
+  const double norm = radial.norm();
+  return norm > 0.5 ? Vec3(radial / norm) : Vec3(axis.unitOrthogonal());
 }
 
 // 1 / (index cos^3), the derivative of length tan(theta) to the invariant, for one medium.

@@ -1,6 +1,7 @@
 // What a port is: the interface of every housing window, as a concept.
 #pragma once
 
+#include <cmath>
 #include <concepts>
 
 #include "rsfm/base/linear.h"
@@ -12,6 +13,9 @@ namespace rsfm {
 
 // Points farther than this (metres) are refused as not finite, so that no square overflows.
 inline constexpr double kMaxCoordinate = 1e100;
+inline bool IsUsable(const Vec3& point) noexcept {
+  return std::abs(point.x()) + std::abs(point.y()) + std::abs(point.z()) <= kMaxCoordinate;  // false for NaN
+}
 
 // Derivatives of the unit direction in air to the point in water (1/m) and to the port's
 // parameters, whose order is that of camera_config.h. A flat port's normal is differentiated as a
