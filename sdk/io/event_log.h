@@ -54,18 +54,22 @@ class EventLogWriter {
   // Flushes, forces to the disk, closes. Further calls fail.
   IoStatus Close();
 
-  std::int64_t num_written() const { return next_number_ - num_buffered_; }
+  // Events in the file, and those that could not be put there.
+  std::int64_t num_written() const { return next_number_ - num_buffered() - num_lost_; }
   std::int64_t num_lost() const { return num_lost_; }
 
  private:
   EventLogWriter(std::filesystem::path path, int fd, const EventLogWriterOptions& options);
+  std::int64_t num_buffered() const { return static_cast<std::int64_t>(buffered_ends_.size()); }
+  std::int64_t NowUs() const;
+  IoStatus FailAfter(std::size_t bytes_written, int error);
 
   std::filesystem::path path_;
   EventLogWriterOptions options_;
   std::string buffer_;
+  std::vector<std::size_t> buffered_ends_;  // where each buffered event ends in buffer_
   std::int64_t size_on_disk_ = 0;
   std::int64_t next_number_ = 0;
-  std::int64_t num_buffered_ = 0;
   std::int64_t num_lost_ = 0;
   std::int64_t oldest_buffered_us_ = 0;
   int fd_ = -1;
@@ -114,10 +118,12 @@ class EventLogReader {
   bool HasSync(std::int64_t offset);
   // The header at `offset` if all it says is possible, whatever follows.
   bool ParseHeader(std::int64_t offset, bool needs_sync, Header* header);
-  // Possible, whole within the file, and followed by another event or the end.
-  bool IsSoundEvent(std::int64_t offset, Header* header);
-  // The first sound event at or after `offset` and before `end`; -1: none.
+  // The first possible event that is whole within the file, at or after `offset` and before `end`;
+  // -1: none.
   std::int64_t FindEvent(std::int64_t offset, std::int64_t end);
+  // Where reading goes on when the event at offset_ is not whole; sets offset_ and the statistics.
+  void SkipDamage();
+  void Count(const LogEvent& event);
 
   std::filesystem::path path_;
   EventLogStatistics statistics_;

@@ -1,11 +1,13 @@
-// rsfm's LCM messages: checked encoding and decoding.
+// rsfm's LCM messages, and the foreign ones that are read here: checked encoding and decoding.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <string_view>
 #include <vector>
 
+#include "bot_core/pose_t.hpp"
 #include "rsfm/ahrs_t.hpp"
 #include "rsfm/ctd_t.hpp"
 #include "rsfm/depth_t.hpp"
@@ -18,6 +20,8 @@
 #include "rsfm/status_t.hpp"
 
 namespace rsfm {
+
+inline constexpr std::size_t kMaxMessageBytes = std::size_t{1} << 28;
 
 // False, and *message untouched, unless `data` is one whole message of this type: fingerprint,
 // counts that fit, and not a byte too few or too many. Never allocates more than the data's size

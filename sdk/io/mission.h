@@ -7,8 +7,11 @@
 //   mesh.ply
 #pragma once
 
+#include <array>
 #include <filesystem>
 #include <map>
+#include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -81,6 +84,7 @@ struct Mission {
   std::map<std::int32_t, MissionLandmark> landmarks;  // the last word on each
   std::vector<status_t> statuses;
   EventLogStatistics log;
+  std::optional<Geodetic> origin;     // of NED: the rig's, or else the first fix's
   std::int64_t num_malformed = 0;     // events on our channels that are not what the channel says
   std::int64_t num_nav_rejected = 0;  // not finite, or without a usable field
 

@@ -23,7 +23,7 @@ IoExpected<std::vector<ImageTime>> ReadImageTimes(const std::filesystem::path& p
 IoStatus WriteImageTimes(const std::vector<ImageTime>& images, const std::filesystem::path& path);
 
 struct NavTable {
-  std::vector<NavSample> samples;  // strictly increasing in time
+  std::vector<NavSample> samples;  // never backwards in time
   // The origin of north, east, down where the table has latitudes: the argument, or else the
   // table's first position.
   std::optional<Geodetic> origin;
@@ -42,7 +42,7 @@ IoExpected<NavTable> ReadNavTable(const std::filesystem::path& path,
 IoStatus WriteNavTable(const std::vector<NavSample>& samples, const std::filesystem::path& path);
 
 // Roll, pitch, heading [rad] to ned_from_body and back: yaw, then pitch, then roll (ZYX, FRD).
-Quat NedFromBody(double roll_rad, double pitch_rad, double heading_rad);
+Quat QuatFromRollPitchHeading(double roll_rad, double pitch_rad, double heading_rad);
 Vec3 RollPitchHeading(const Quat& ned_from_body);
 
 }  // namespace rsfm

@@ -1,0 +1,30 @@
+// Comma-separated tables with one header line. For sdk/io's own readers.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "rsfm/io/diagnostic.h"
+
+namespace rsfm {
+
+struct CsvRow {
+  int line = 0;                          // 1-based
+  std::vector<std::string_view> fields;  // as many as there are columns; views into the table
+};
+
+struct CsvTable {
+  std::unique_ptr<std::string> text;  // what the rows point into
+  int header_line = 1;
+  std::vector<std::string> columns;  // names differ
+  std::vector<CsvRow> rows;          // blank lines and lines that begin with # are left out
+};
+
+// Fields are trimmed; quotes have no meaning and are refused. Every row has a field for each
+// column, or it is an error that names the line.
+IoExpected<CsvTable> ReadCsv(const std::filesystem::path& path);
+
+}  // namespace rsfm

@@ -1,0 +1,266 @@
+// Messages: round trips, and whatever is not one is refused without harm.
+#include "rsfm/io/messages.h"
+
+#include <gtest/gtest.h>
+
+#include "rsfm/base/rng.h"
+#include "rsfm/io/nav_messages.h"
+
+namespace rsfm {
+namespace {
+
+keyframe_t SampleKeyframe() {
+  keyframe_t m = {};
+  m.utime = 42;
+  m.id = 7;
+  m.image = "a.jpg";
+  m.camera_from_world_q[0] = 1.0;
+  m.num_features = 2;
+  m.x_px = {1.5f, 2.5f};
+  m.y_px = {3.0f, 4.0f};
+  m.size_px = {5.0f, 6.0f};
+  m.landmark_id = {-1, 9};
+  m.descriptor_type = keyframe_t::DESCRIPTOR_ORB;
+  m.descriptor_bytes = 32;
+  m.num_descriptor_bytes = 64;
+  m.descriptors.assign(64, 0xAB);
+  return m;
+}
+
+template <class Message>
+Message Sample() {
+  Message m = {};
+  m.utime = 5;
+  return m;
+}
+template <>
+keyframe_t Sample<keyframe_t>() {
+  return SampleKeyframe();
+}
+template <>
+dvl_t Sample<dvl_t>() {
+  dvl_t m = {};
+  m.num_beams = 4;
+  m.beam_range_m = m.beam_velocity_mps = {1.0, 2.0, 3.0, 4.0};
+  m.beam_valid = {1, 1, 0, 1};
+  return m;
+}
+template <>
+landmarks_t Sample<landmarks_t>() {
+  landmarks_t m = {};
+  m.num = 1;
+  m.id = {3};
+  m.x = m.y = m.z = {1.0};
+  m.r = m.g = m.b = {200};
+  return m;
+}
+template <>
+pose_t Sample<pose_t>() {
+  pose_t m = {};
+  m.frame_id = "ned";
+  m.child_frame_id = "body";
+  return m;
+}
+template <>
+status_t Sample<status_t>() {
+  status_t m = {};
+  m.frame_id = "first_camera";
+  m.message = "all is well";
+  return m;
+}
+
+template <class Message>
+class MessageTest : public ::testing::Test {};
+using Messages = ::testing::Types<ahrs_t, bot_core::pose_t, ctd_t, depth_t, dvl_t, fix_t,
+                                  keyframe_t, landmarks_t, nav_t, pose_t, status_t>;
+TYPED_TEST_SUITE(MessageTest, Messages);
+
+TYPED_TEST(MessageTest, DecodeInvertsEncode) {
+  const TypeParam message = Sample<TypeParam>();
+  std::vector<std::uint8_t> bytes, again;
+  ASSERT_TRUE(Encode(message, &bytes));
+  TypeParam back = {};
+  ASSERT_TRUE(Decode(bytes, &back));
+  ASSERT_TRUE(Encode(back, &again));
+  EXPECT_EQ(bytes, again);
+}
+
+TYPED_TEST(MessageTest, EveryTruncationAndEveryExtensionIsRefused) {
+  std::vector<std::uint8_t> bytes;
+  ASSERT_TRUE(Encode(Sample<TypeParam>(), &bytes));
+  TypeParam back = {};
+  for (std::size_t size = 0; size < bytes.size(); ++size) {
+    EXPECT_FALSE(Decode(std::span(bytes.data(), size), &back)) << size;
+  }
+  bytes.push_back(0);
+  EXPECT_FALSE(Decode(bytes, &back));
+}
+
+TYPED_TEST(MessageTest, AnotherFingerprintIsRefused) {
+  std::vector<std::uint8_t> bytes;
+  ASSERT_TRUE(Encode(Sample<TypeParam>(), &bytes));
+  TypeParam back = {};
+  for (std::size_t i = 0; i < 8; ++i) {
+    bytes[i] ^= 1;
+    EXPECT_FALSE(Decode(bytes, &back));
+    bytes[i] ^= 1;
+  }
+}
+
+// Whatever the counts and lengths say: no crash, no memory beyond the message's size.
+TYPED_TEST(MessageTest, RandomDamageIsHarmless) {
+  std::vector<std::uint8_t> good;
+  ASSERT_TRUE(Encode(Sample<TypeParam>(), &good));
+  Rng rng(3);
+  for (int trial = 0; trial < 2000; ++trial) {
+    std::vector<std::uint8_t> bytes = good;
+    for (int k = 0; k < 4; ++k) {
+      const auto at = 8 + rng.Index(static_cast<std::uint32_t>(good.size()) - 8);
+      bytes[at] = static_cast<std::uint8_t>(rng.Index(3) == 0 ? 0xff : rng.Index(256));
+    }
+    TypeParam back = {};
+    std::vector<std::uint8_t> again;
+    if (Decode(bytes, &back)) {
+      EXPECT_TRUE(Encode(back, &again));
+    }
+  }
+}
+
+TEST(KeyframeTest, CountsThatDoNotMatchTheArraysAreRefused) {
+  std::vector<std::uint8_t> bytes;
+  keyframe_t m = SampleKeyframe();
+  m.x_px.pop_back();
+  EXPECT_FALSE(Encode(m, &bytes));
+  m = SampleKeyframe();
+  m.descriptor_bytes = 31;
+  EXPECT_FALSE(Encode(m, &bytes));
+}
+
+NavSample FullSample() {
+  NavSample s;
+  s.utime = 123;
+  s.valid = 63;
+  s.position_ned_m = {1, 2, 3};
+  s.ned_from_body = Quat(0.5, 0.5, -0.5, 0.5);
+  s.velocity_body_mps = {0.1, 0.2, 0.3};
+  s.depth_m = 3.5;
+  s.altitude_m = 2.5;
+  s.temperature_c = 8;
+  s.salinity_psu = 35;
+  s.sigma_position_m = {0.5, 0.25, 2};
+  s.sigma_attitude_rad = {0.5, 0.125, 4};
+  s.sigma_velocity_mps = {0.25, 0.5, 1};
+  s.sigma_depth_m = 0.05;
+  s.sigma_altitude_m = 0.1;
+  return s;
+}
+
+TEST(NavMessagesTest, ASampleSurvivesItsMessage) {
+  NavConverter converter{Rig()};
+  const NavSample s = FullSample();
+  NavSample back;
+  ASSERT_TRUE(converter.Convert(ToMessage(s), &back));
+  EXPECT_EQ(back.utime, s.utime);
+  EXPECT_EQ(back.valid, s.valid);
+  EXPECT_EQ(back.position_ned_m, s.position_ned_m);
+  EXPECT_EQ(back.ned_from_body.coeffs(), s.ned_from_body.coeffs());
+  EXPECT_EQ(back.velocity_body_mps, s.velocity_body_mps);
+  EXPECT_EQ(back.depth_m, s.depth_m);
+  EXPECT_EQ(back.altitude_m, s.altitude_m);
+  EXPECT_EQ(back.salinity_psu, s.salinity_psu);
+  EXPECT_EQ(back.sigma_position_m, s.sigma_position_m);
+  EXPECT_EQ(back.sigma_attitude_rad, s.sigma_attitude_rad);
+  EXPECT_EQ(back.sigma_depth_m, s.sigma_depth_m);
+}
+
+TEST(NavMessagesTest, WhatIsNotFiniteIsLeftOut) {
+  NavConverter converter{Rig()};
+  nav_t message = ToMessage(FullSample());
+  message.position_ned_m[1] = std::nan("");
+  message.velocity_cov_m2ps2[4] = -1.0;
+  message.ned_from_body_q[0] = 0.9;
+  NavSample sample;
+  ASSERT_TRUE(converter.Convert(message, &sample));
+  EXPECT_FALSE(sample.Has(NavField::kPosition));
+  EXPECT_FALSE(sample.Has(NavField::kVelocity));
+  EXPECT_FALSE(sample.Has(NavField::kAttitude));
+  EXPECT_TRUE(sample.Has(NavField::kDepth));
+  message.valid = nav_t::VALID_POSITION;
+  EXPECT_FALSE(converter.Convert(message, &sample));
+}
+
+TEST(NavMessagesTest, LeverArmsAreRemoved) {
+  Rig rig;
+  rig.sensors.dvl_in_body_m = {1, 0, 0.5};
+  rig.sensors.depth_in_body_m = {2, 0, 0};
+  NavConverter converter(rig);
+  ahrs_t ahrs = {};
+  ahrs.utime = 1000;
+  ahrs.valid = int{ahrs_t::VALID_ATTITUDE} | int{ahrs_t::VALID_ROTATION_RATE};
+  // Nose down by 90 degrees: the body's forward axis points down.
+  const double half = std::sqrt(0.5);
+  ahrs.ned_from_body_q[0] = half;
+  ahrs.ned_from_body_q[2] = -half;
+  ahrs.rotation_rate_radps[2] = 0.1;
+  NavSample sample;
+  ASSERT_TRUE(converter.Convert(ahrs, &sample));
+  depth_t depth = {};
+  depth.utime = 1000;
+  depth.valid = 1;
+  depth.depth_m = 10.0;
+  ASSERT_TRUE(converter.Convert(depth, &sample));
+  EXPECT_NEAR(sample.depth_m, 8.0, 1e-12);
+  dvl_t dvl = {};
+  dvl.utime = 1000;
+  dvl.valid = dvl_t::VALID_VELOCITY;
+  dvl.velocity_body_mps[0] = 1.0;
+  dvl.velocity_body_mps[1] = 0.1;  // 0.1 rad/s about down, one metre ahead
+  ASSERT_TRUE(converter.Convert(dvl, &sample));
+  EXPECT_NEAR((sample.velocity_body_mps - Vec3(1.0, 0.0, 0.0)).norm(), 0.0, 1e-12);
+}
+
+TEST(NavMessagesTest, FixesAreTurnedIntoNedAtTheFirst) {
+  NavConverter converter{Rig()};
+  fix_t fix = {};
+  fix.valid = int{fix_t::VALID_HORIZONTAL} | int{fix_t::VALID_HEIGHT};
+  fix.latitude_deg = 54.0;
+  fix.longitude_deg = 10.0;
+  NavSample sample;
+  ASSERT_TRUE(converter.Convert(fix, &sample));
+  EXPECT_LT(sample.position_ned_m.norm(), 1e-9);
+  ASSERT_TRUE(converter.origin());
+  EXPECT_EQ(converter.origin()->latitude_deg, 54.0);
+  fix.latitude_deg = 54.001;  // 111.3 m per 0.001 degrees there
+  ASSERT_TRUE(converter.Convert(fix, &sample));
+  EXPECT_NEAR(sample.position_ned_m.x(), 111.3, 0.1);
+  fix.latitude_deg = 91.0;
+  EXPECT_FALSE(converter.Convert(fix, &sample));
+}
+
+// Level, heading east, moving ahead at 1 m/s, 3 m east, 4 m north, 5 m below the origin: the same
+// state in both conventions of bot_core.pose_t.
+TEST(NavMessagesTest, BotCorePoseInBothConventions) {
+  const double half = std::sqrt(0.5);
+  bot_core::pose_t libbot = {};
+  libbot.pos[0] = 3;
+  libbot.pos[1] = 4;
+  libbot.pos[2] = -5;
+  libbot.vel[0] = 1.0;          // east, in the local frame
+  libbot.orientation[0] = 1.0;  // x forward is east, z up
+  bot_core::pose_t humanoids = libbot;
+  humanoids.orientation[0] = 0.0;
+  humanoids.orientation[1] = 1.0;  // x forward is east, z down: a half turn about x
+  humanoids.vel[0] = 1.0;          // ahead
+  for (const auto& [message, convention] :
+       {std::pair{libbot, Convention::kLibbot}, {humanoids, Convention::kOpenHumanoids}}) {
+    NavConverter converter{Rig()};
+    NavSample sample;
+    ASSERT_TRUE(converter.Convert(message, convention, &sample));
+    EXPECT_LT((sample.position_ned_m - Vec3(4, 3, 5)).norm(), 1e-12);
+    EXPECT_LT((sample.velocity_body_mps - Vec3(1, 0, 0)).norm(), 1e-12);
+    EXPECT_LT(sample.ned_from_body.angularDistance(Quat(half, 0, 0, half)), 1e-7);
+  }
+}
+
+}  // namespace
+}  // namespace rsfm
