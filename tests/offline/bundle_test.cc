@@ -1,0 +1,268 @@
+#include "tools/offline/bundle.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+
+#include "tests/support/rigs.h"
+#include "tests/support/survey.h"
+#include "tools/offline/ceres_costs.h"
+
+namespace rsfm {
+namespace {
+
+BundleProblem ToProblem(const CameraConfig& camera, const Survey& survey) {
+  BundleProblem problem;
+  problem.cameras = {camera};
+  for (const Rigid3& pose : survey.camera_from_world) problem.images.push_back({pose, 0, false});
+  problem.points = survey.points;
+  for (const SurveyObservation& o : survey.observations)
+    problem.observations.push_back({o.image, o.point, o.pixel});
+  return problem;
+}
+
+// Scale of the found trajectory against the true one, and the RMS distance of the places after the
+// similarity that fits best.
+struct Alignment {
+  double scale = 1.0;
+  double rms_m = 0.0;
+};
+Alignment Align(const BundleProblem& found, const Survey& truth) {
+  const int count = static_cast<int>(found.images.size());
+  Eigen::Matrix3Xd from(3, count), to(3, count);
+  for (int k = 0; k < count; ++k) {
+    from.col(k) = found.images[k].camera_from_world.OriginOfTarget();
+    to.col(k) = truth.camera_from_world[k].OriginOfTarget();
+  }
+  const Eigen::Matrix4d to_from = Eigen::umeyama(from, to, true);
+  Alignment result;
+  result.scale = 1.0 / std::cbrt(to_from.topLeftCorner<3, 3>().determinant());
+  const Vec3 shift = to_from.topRightCorner<3, 1>();
+  const Eigen::Matrix3Xd moved = (to_from.topLeftCorner<3, 3>() * from).colwise() + shift;
+  result.rms_m = std::sqrt((moved - to).squaredNorm() / count);
+  return result;
+}
+
+double PairDistance(const BundleProblem& problem, const std::array<int, 2>& pair) {
+  return (problem.images[pair[0]].camera_from_world.OriginOfTarget() -
+          problem.images[pair[1]].camera_from_world.OriginOfTarget())
+      .norm();
+}
+
+SurveyOptions Small() {
+  SurveyOptions options;
+  options.lines = 4;
+  options.images_per_line = 6;
+  options.num_points = 700;
+  return options;
+}
+
+class BundleTest : public testing::TestWithParam<RigKind> {
+ protected:
+  Rng rng_{4};
+  AnyCamera camera_ = RandomRig(GetParam(), &rng_);
+};
+
+TEST_P(BundleTest, CalibratedReachesTheNoise) {
+  const Survey truth = MakeSurvey(camera_, Small());
+  Survey start = truth;
+  Disturb(&start, 0, 0.005, 0.02, 0.05, 2);
+  const BundleProblem before = ToProblem(camera_.config(), start);
+  BundleProblem problem = before;
+  const auto report = AdjustBundle({}, &problem);
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->converged);
+  EXPECT_TRUE(report->gauge.position && report->gauge.attitude && report->gauge.scale);
+  // Two-dimensional noise of 0.5 px: a mean length of 0.627 px, less what the unknowns absorb.
+  EXPECT_LT(report->final_mean_error_px, 0.64);
+  EXPECT_GT(report->final_mean_error_px, 0.45);
+  const Alignment alignment = Align(problem, truth);
+  EXPECT_LT(alignment.rms_m, 0.004);
+  EXPECT_NEAR(alignment.scale, 1.0, 0.01);  // that of the far pair as it started
+  // What was held has not moved.
+  const std::array<int, 2> pair = FarPair(before);
+  EXPECT_NEAR(PairDistance(problem, pair), PairDistance(before, pair),
+              1e-3 * PairDistance(before, pair));
+  const Rigid3 moved =
+      problem.images[0].camera_from_world * before.images[0].camera_from_world.Inverse();
+  EXPECT_LT(LogSe3(moved).norm(), 1e-6);
+}
+
+TEST_P(BundleTest, InterruptionKeepsWhatWasReached) {
+  Survey start = MakeSurvey(camera_, Small());
+  Disturb(&start, 0, 0.005, 0.02, 0.05, 2);
+  BundleProblem problem = ToProblem(camera_.config(), start);
+  BundleOptions options;
+  int calls = 0;
+  options.progress = [&calls](const BundleProgress& progress) {
+    EXPECT_TRUE(std::isfinite(progress.cost));
+    return ++calls < 2;
+  };
+  const auto report = AdjustBundle(options, &problem);
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->interrupted);
+  EXPECT_LT(report->final_cost, report->initial_cost);
+}
+
+INSTANTIATE_TEST_SUITE_P(Ports, BundleTest,
+                         testing::Values(RigKind::kNone, RigKind::kFlat, RigKind::kDome,
+                                         RigKind::kCentredDome));
+
+// The peer's failures in small: there, refining lens and port collapses or loses the scale.
+class SelfCalibrationTest : public testing::TestWithParam<RigKind> {};
+
+TEST_P(SelfCalibrationTest, KeepsFocalLengthAndScale) {
+  CameraConfig truth_config = PaperLens();
+  truth_config.port.type = GetParam() == RigKind::kFlat ? PortType::kFlat : PortType::kDome;
+  truth_config.port.normal = Vec3(0.1, -0.05, 1.0).normalized();
+  truth_config.port.distance_m = 0.025;
+  truth_config.port.center_m = Vec3(0.004, -0.003, 0.008);
+  truth_config.port.radius_m = 0.06;
+  truth_config.port.thickness_m = 0.01;
+  const Survey truth = MakeSurvey(*AnyCamera::Create(truth_config), Small());
+  Survey start = truth;
+  Disturb(&start, 0, 0.005, 0.02, 0.05, 2);
+  CameraConfig config = truth_config;
+  config.lens_params[0] *= 1.01;
+  config.lens_params[1] *= 1.01;
+  config.port.normal = Vec3::UnitZ();
+  config.port.center_m = Vec3::Zero();
+  config.port.distance_m = 0.02;
+  BundleProblem problem = ToProblem(config, start);
+  BundleOptions options;
+  options.lens.focal = true;
+  options.port.normal = options.port.distance = options.port.center = true;
+  options.max_iterations = 100;
+  const auto report = AdjustBundle(options, &problem);
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->converged);
+  EXPECT_LT(report->final_mean_error_px, 0.64);
+  const CameraConfig& found = problem.cameras[0];
+  EXPECT_NEAR(found.lens_params[0] / truth_config.lens_params[0], 1.0, 0.005);
+  EXPECT_NEAR(found.lens_params[1] / truth_config.lens_params[1], 1.0, 0.005);
+  const Alignment alignment = Align(problem, truth);
+  EXPECT_NEAR(alignment.scale, 1.0, 0.01);
+  EXPECT_LT(alignment.rms_m, 0.01);
+  if (GetParam() == RigKind::kFlat) {
+    EXPECT_NEAR(found.port.normal.norm(), 1.0, 1e-9);
+    EXPECT_LT((found.port.normal - truth_config.port.normal).norm(), 0.01);
+    EXPECT_GT(found.port.distance_m, 0.0);
+    EXPECT_LT(found.port.distance_m, 0.05);
+  } else {
+    EXPECT_LT((found.port.center_m - truth_config.port.center_m).norm(), 0.004);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Ports, SelfCalibrationTest,
+                         testing::Values(RigKind::kFlat, RigKind::kDome));
+
+TEST(BundleGaugeTest, NavigationHoldsWhatItMeasures) {
+  Rng rng(1);
+  const AnyCamera camera = RandomRig(RigKind::kFlat, &rng);
+  const Survey survey = MakeSurvey(camera, Small());
+  BundleProblem problem = ToProblem(camera.config(), survey);
+  const int count = static_cast<int>(problem.images.size());
+  EXPECT_TRUE(HoldGauge(problem, true).gauge.scale);
+  EXPECT_FALSE(HoldGauge(problem, false).gauge.scale);
+  // A DVL: scale, nothing else.
+  for (int k = 1; k < count; ++k) {
+    const Rigid3 a = survey.camera_from_world[k - 1], b = survey.camera_from_world[k];
+    problem.priors.push_back(*MakeDisplacementPrior(
+        k - 1, k, Rigid3(), (a * b.Inverse()).translation, Vec3::Constant(0.05)));
+  }
+  BundleGauge gauge = HoldGauge(problem, true).gauge;
+  EXPECT_FALSE(gauge.scale);
+  EXPECT_TRUE(gauge.position && gauge.attitude);
+  // Attitude besides.
+  for (int k = 0; k < count; ++k)
+    problem.priors.push_back(*MakeAttitudePrior(
+        k, Rigid3(), survey.camera_from_world[k].rotation.conjugate(), Vec3::Constant(0.02)));
+  gauge = HoldGauge(problem, true).gauge;
+  EXPECT_TRUE(gauge.position);
+  EXPECT_FALSE(gauge.attitude || gauge.scale);
+  // Position alone holds everything.
+  problem.priors.clear();
+  for (int k = 0; k < count; ++k)
+    problem.priors.push_back(*MakePositionPrior(
+        k, Rigid3(), survey.camera_from_world[k].OriginOfTarget(), Vec3::Constant(0.5)));
+  gauge = HoldGauge(problem, true).gauge;
+  EXPECT_FALSE(gauge.position || gauge.attitude || gauge.scale);
+}
+
+TEST(BundleGaugeTest, NavigationCorrectsTheScale) {
+  Rng rng(1);
+  const AnyCamera camera = RandomRig(RigKind::kFlat, &rng);
+  const Survey truth = MakeSurvey(camera, Small());
+  Survey start = truth;
+  for (Rigid3& pose : start.camera_from_world) pose.translation *= 1.2;
+  for (Vec3& point : start.points) point *= 1.2;
+  BundleProblem problem = ToProblem(camera.config(), start);
+  const Rigid3 body_from_camera(ExpSo3(Vec3(0.0, 0.1, 1.5)), Vec3(0.2, 0.1, 0.3));
+  for (std::size_t k = 0; k < problem.images.size(); ++k) {
+    const Rigid3 body = truth.camera_from_world[k].Inverse() * body_from_camera.Inverse();
+    problem.priors.push_back(*MakePositionPrior(static_cast<int>(k), body_from_camera,
+                                                body.translation, Vec3::Constant(0.02)));
+  }
+  BundleOptions options;
+  options.max_iterations = 100;
+  const auto report = AdjustBundle(options, &problem);
+  ASSERT_TRUE(report);
+  EXPECT_FALSE(report->gauge.scale);
+  EXPECT_NEAR(Align(problem, truth).scale, 1.0, 0.003);
+}
+
+TEST(BundleInputTest, RefusesWithReasons) {
+  const CameraConfig lens = PaperLens();
+  const Survey survey = MakeSurvey(*AnyCamera::Create(lens), {});
+  const auto where = [](BundleProblem problem) {
+    const auto report = AdjustBundle({}, &problem);
+    return report ? std::string() : std::string(report.error().where);
+  };
+  const BundleProblem good = ToProblem(lens, survey);
+  BundleProblem bad = good;
+  bad.points[3].x() = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(where(bad), "point");
+  bad = good;
+  bad.observations[7].image = 1000;
+  EXPECT_EQ(where(bad), "observation");
+  bad = good;
+  bad.observations.clear();
+  EXPECT_EQ(where(bad), "observations");
+  bad = good;
+  bad.images[2].camera = 1;
+  EXPECT_EQ(where(bad), "camera");
+  bad = good;
+  bad.images[2].camera_from_world.rotation.coeffs().setZero();
+  EXPECT_EQ(where(bad), "camera_from_world");
+  bad = good;
+  bad.cameras[0].lens_params[0] = -1.0;
+  EXPECT_EQ(where(bad), "params");
+  bad = good;
+  bad.priors.push_back(*MakeDepthPrior(500, Rigid3(), 1.0, 1.0));
+  EXPECT_EQ(where(bad), "prior");
+  bad = good;
+  BundleOptions options;
+  options.sigma_px = 0.0;
+  EXPECT_EQ(AdjustBundle(options, &bad).error().code, Errc::kInvalidArgument);
+}
+
+TEST(PortManifoldTest, PlusAndMinusAreInverse) {
+  RefinePort refine;
+  refine.normal = refine.distance = refine.index_water = true;
+  const PortManifold manifold(PortType::kFlat, refine);
+  ASSERT_EQ(manifold.TangentSize(), 4);
+  const Vec3 normal = Vec3(0.1, 0.2, -1.0).normalized();
+  const double x[] = {normal.x(), normal.y(), normal.z(), 0.02, 0.01, 1.0, 1.5, 1.33};
+  const double delta[] = {0.01, -0.02, 0.003, 0.001};
+  double y[kNumPortParams], back[4];
+  ASSERT_TRUE(manifold.Plus(x, delta, y));
+  EXPECT_NEAR(Vec3(y[0], y[1], y[2]).norm(), 1.0, 1e-12);
+  ASSERT_TRUE(manifold.Minus(y, x, back));
+  for (int i = 0; i < 4; ++i) EXPECT_NEAR(back[i], delta[i], 1e-12);
+  EXPECT_EQ(y[4], x[4]);
+}
+
+}  // namespace
+}  // namespace rsfm

@@ -1,0 +1,135 @@
+// Global refractive bundle adjustment at the desk: poses, points and, where asked for, the lens and
+// the port, by the true image error with analytic derivatives (reprojection_residual.h) and
+// navigation priors (pose_prior.h), solved by Ceres.
+//
+// Scale: behind a port it is visible in principle but so weakly that it drifts (distance times
+// scale is almost a gauge). So whatever navigation does not hold is held here: position, attitude
+// and scale each on its own, the scale by the distance between two far images.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "rsfm/base/error.h"
+#include "rsfm/base/rigid3.h"
+#include "rsfm/estimation/pose_prior.h"
+#include "rsfm/estimation/robust_loss.h"
+#include "rsfm/refraction/camera_config.h"
+
+namespace rsfm {
+
+struct BundleObservation {
+  int image = 0;
+  int point = 0;
+  Vec2 pixel = Vec2::Zero();
+};
+
+struct BundleImage {
+  Rigid3 camera_from_world;
+  int camera = 0;      // index into BundleProblem::cameras
+  bool fixed = false;  // the caller's wish; nothing more is then held
+};
+
+struct BundleProblem {
+  std::vector<CameraConfig> cameras;
+  std::vector<BundleImage> images;
+  std::vector<Vec3> points;
+  std::vector<BundleObservation> observations;
+  std::vector<PosePrior> priors;  // a, b are indices into images
+};
+
+struct BundleProgress {
+  int iteration = 0;
+  int max_iterations = 0;
+  double cost = 0.0;
+};
+
+// Which parameters are unknowns, and how far they may stray from where they start: one standard
+// deviation of a Gaussian prior that goes with every refined parameter.
+struct RefineLens {
+  bool focal = false;
+  bool principal_point = false;
+  bool distortion = false;
+  double sigma_focal = 0.05;            // of the focal length, a ratio
+  double sigma_principal_point = 0.02;  // of the image's width, a ratio
+  double sigma_distortion = 0.2;        // the coefficient itself
+
+  bool Any() const { return focal || principal_point || distortion; }
+};
+struct RefinePort {
+  bool normal = false;       // flat
+  bool distance = false;     // flat
+  bool center = false;       // dome
+  bool index_water = false;  // both
+  double sigma_normal_rad = 0.1;
+  double sigma_distance = 0.5;  // of the distance, a ratio, beside 1 mm
+  double sigma_center_m = 0.01;
+  double sigma_index = 0.005;
+
+  bool Any() const { return normal || distance || center || index_water; }
+};
+
+struct BundleOptions {
+  RefineLens lens;
+  RefinePort port;
+  RobustLoss loss{LossType::kCauchy, 1.0};  // of image errors, scale in sigmas
+  double sigma_px = 1.0;                    // of every observation
+  int max_iterations = 50;
+  double function_tolerance = 1e-7;
+  int num_threads = 2;
+  bool hold_scale = true;  // where navigation does not give it
+  // After each iteration; false stops, and what has been reached is kept.
+  std::function<bool(const BundleProgress&)> progress;
+};
+
+// What was held because nothing else determines it.
+struct BundleGauge {
+  bool position = false;
+  bool attitude = false;
+  bool scale = false;
+  int scale_image_a = -1, scale_image_b = -1;  // the pair whose distance is held
+};
+
+struct BundleReport {
+  bool converged = false;
+  bool interrupted = false;
+  int iterations = 0;
+  double initial_cost = 0.0;
+  double final_cost = 0.0;
+  double initial_mean_error_px = 0.0;  // over all observations that can be projected
+  double final_mean_error_px = 0.0;
+  int num_impossible = 0;  // observations that could not be projected at the end
+  double seconds = 0.0;
+  std::string solver;  // what Ceres used for the linear systems
+  BundleGauge gauge;
+};
+
+// Changes the problem's poses, points and cameras. On error the problem is as it was:
+//   kInvalidArgument  an index or number out of range, `where` and `detail` say which
+//   kNotEnoughData    no observation
+//   kNotConverged     the solver failed outright
+Expected<BundleReport> AdjustBundle(const BundleOptions& options, BundleProblem* problem);
+
+struct ErrorSummary {
+  double mean_px = 0.0;
+  double rms_px = 0.0;
+  int num_observations = 0;
+  int num_impossible = 0;  // not in the mean
+};
+// kInvalidArgument for a camera that cannot be.
+Expected<ErrorSummary> SummariseErrors(const BundleProblem& problem);
+
+// The pair of images that are far apart, for the scale: from the first image the farthest, and from
+// that the farthest. {-1, -1} when all are in one place.
+std::array<int, 2> FarPair(const BundleProblem& problem);
+
+// What the priors leave free, and priors that hold just that.
+struct GaugeHold {
+  BundleGauge gauge;
+  std::vector<PosePrior> priors;
+};
+GaugeHold HoldGauge(const BundleProblem& problem, bool hold_scale);
+
+}  // namespace rsfm
