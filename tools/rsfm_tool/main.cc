@@ -8,6 +8,8 @@
 
 #include "tools/common/exit.h"
 #include "tools/common/progress.h"
+#include "tools/rsfm_tool/verb_backproject.h"
+#include "tools/rsfm_tool/verb_project.h"
 
 namespace rsfm {
 namespace {
@@ -45,6 +47,8 @@ int Main(int argc, char** argv) {
   app.require_subcommand(1);
   app.set_version_flag("--version", RSFM_VERSION);
   Verbs verbs(&app);
+  verbs.Add(DeclareBackproject, RunBackproject);
+  verbs.Add(DeclareProject, RunProject);
 
   try {
     app.parse(argc, argv);
