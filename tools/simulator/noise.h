@@ -1,0 +1,40 @@
+// Repeatable noise: integer hashes and gradient noise that depend on nothing but their arguments,
+// so that a scene or an image is the same whatever thread computes it, and in whatever order.
+#pragma once
+
+#include <cstdint>
+
+namespace rsfm {
+
+// A bijective 32-bit mix.   [Wellons, "Prospecting for Hash Functions", 2018: lowbias32]
+constexpr std::uint32_t Hash(std::uint32_t x) {
+  x ^= x >> 16;
+  x *= 0x7FEB352Du;
+  x ^= x >> 15;
+  x *= 0x846CA68Bu;
+  x ^= x >> 16;
+  return x;
+}
+constexpr std::uint32_t Hash(std::uint32_t a, std::uint32_t b) {
+  return Hash(a ^ (Hash(b) + 0x9E3779B9u));
+}
+constexpr std::uint32_t Hash(std::uint32_t a, std::uint32_t b, std::uint32_t c) {
+  return Hash(a, Hash(b, c));
+}
+
+// [0, 1)
+constexpr float UnitFloat(std::uint32_t hash) { return static_cast<float>(hash >> 8) * 0x1.0p-24f; }
+
+// Gradient noise in about [-1, 1], with zero at every integer point; quintic fade.
+// [Perlin 2002, SIGGRAPH, doi:10.1145/566654.566636]
+float GradientNoise(float x, float y, std::uint32_t seed);
+float GradientNoise(float x, float y, float z, std::uint32_t seed);
+
+// The same, repeating with a whole period in both directions. Precondition: period > 0.
+float TiledNoise(float x, float y, int period, std::uint32_t seed);
+
+// Sum of octaves: each of twice the frequency and `gain` times the amplitude of the one before. Not
+// normalised.
+float FractalNoise(float x, float y, int octaves, float gain, std::uint32_t seed);
+
+}  // namespace rsfm

@@ -1,0 +1,313 @@
+#include "tools/simulator/seafloor.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "rsfm/base/rng.h"
+#include "tools/simulator/noise.h"
+#include "tools/simulator/stones.h"
+#include "tools/simulator/texture.h"
+
+namespace rsfm {
+namespace {
+
+constexpr int kTileTexels = 2048;
+constexpr float kGravelTexelM = 0.0011f;  // a tile of 2.3 m
+constexpr float kSandTexelM = 0.0015f;    // 3.1 m: the two never repeat together
+constexpr float kMaskTexelM = 0.05f;
+constexpr std::size_t kMaxCells = 4'000'000;
+constexpr double kMaxMacroTexels = 32e6;
+
+// log2 to 0.09, monotone and the same everywhere: good enough to choose a mip level.
+float RoughLog2(float x) {
+  const auto bits = std::bit_cast<std::uint32_t>(std::max(x, 1e-12f));
+  return static_cast<float>(static_cast<int>(bits >> 23) - 127) +
+         static_cast<float>(bits & 0x7FFFFFu) * 0x1.0p-23f;
+}
+
+float SmoothStep(float low, float high, float x) {
+  const float t = std::clamp((x - low) / (high - low), 0.0f, 1.0f);
+  return t * t * (3.0f - 2.0f * t);
+}
+
+// A tile of texture and its mean, by which a sample is divided: detail multiplies what it covers.
+struct DetailTile {
+  Texture texture;
+  float texel_m = 0.001f;
+  float cosine = 1.0f;
+  float sine = 0.0f;
+  Rgb inverse_mean = {1.0f, 1.0f, 1.0f};
+
+  void Finish(float texel, double angle) {
+    texel_m = texel;
+    cosine = static_cast<float>(std::cos(angle));
+    sine = static_cast<float>(std::sin(angle));
+    texture.BuildMips();
+    const Rgb mean = texture.Sample(0.0f, 0.0f, 30.0f);
+    for (int i = 0; i < 3; ++i) inverse_mean[i] = 1.0f / std::max(mean[i], 0.02f);
+  }
+  Rgb Sample(float x, float y, float footprint_m, float dither) const {
+    const float inverse = 1.0f / texel_m;
+    Rgb detail =
+        texture.Sample((cosine * x + sine * y) * inverse, (cosine * y - sine * x) * inverse,
+                       RoughLog2(footprint_m * inverse) + dither);
+    for (int i = 0; i < 3; ++i) detail[i] *= inverse_mean[i];
+    return detail;
+  }
+};
+
+class Seafloor final : public Scene {
+ public:
+  explicit Seafloor(const SeafloorOptions& options) : options_(options) {
+    const Vec2 center = 0.5 * (options.min_ne_m + options.max_ne_m);
+    offset_ = Vec3(center.x(), center.y(), options.depth_m);
+    size_ = (options.max_ne_m - options.min_ne_m).cast<float>();
+    seed_ = static_cast<std::uint32_t>(Rng(options.seed).Next());
+    MakeDetail();
+    MakeMask();
+    MakeMacro();
+    MakeGround();
+    MakeStones();
+  }
+
+  std::span<const TriangleMesh> meshes() const override { return meshes_; }
+  Vec3 WorldOffset() const override { return offset_; }
+
+  void Albedo(std::span<const SurfacePoint> points, std::span<Rgb> albedo) const override {
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      albedo[i] = points[i].mesh == 0 ? GroundAlbedo(points[i]) : StoneAlbedo(points[i]);
+    }
+  }
+
+ private:
+  float Height(float x, float y) const {
+    const float s = 1.0f / static_cast<float>(options_.relief_length_m);
+    float height =
+        static_cast<float>(options_.relief_m) * FractalNoise(s * x, s * y, 6, 0.42f, seed_);
+    if (options_.ripple_height_m > 0.0) {
+      const float warp = 0.35f * FractalNoise(0.6f * x, 0.6f * y, 2, 0.5f, seed_ + 1);
+      const float phase = 2.0f * std::numbers::pi_v<float> * (x + 0.35f * y + warp) /
+                          static_cast<float>(options_.ripple_length_m);
+      const float strength = SmoothStep(-0.2f, 0.4f, GradientNoise(0.3f * x, 0.3f * y, seed_ + 2));
+      height += 0.5f * static_cast<float>(options_.ripple_height_m) * strength *
+                (std::sin(phase) + 0.3f * std::sin(2.0f * phase));
+    }
+    return height;
+  }
+
+  // Stones' and ground's own frame of texture: metres from the area's minimum corner.
+  Vec2 AreaFromScene(float x, float y) const {
+    return Vec2(x + 0.5 * size_.x(), y + 0.5 * size_.y());
+  }
+
+  void MakeDetail() {
+    gravel_.texture =
+        Texture(kTileTexels, kTileTexels, Texture::Edge::kRepeat, {0.30f, 0.27f, 0.23f});
+    PaintPebbles({26000, 2.0f, 14.0f, 1.7f, 0.9f, seed_ + 10}, &gravel_.texture);
+    PaintTiledNoise(64, 5, 0.8f, 0.16f, seed_ + 11, &gravel_.texture);
+    gravel_.Finish(kGravelTexelM, 0.4);
+    sand_.texture =
+        Texture(kTileTexels, kTileTexels, Texture::Edge::kRepeat, {0.42f, 0.38f, 0.30f});
+    PaintPebbles({9000, 1.5f, 9.0f, 2.2f, 0.8f, seed_ + 12}, &sand_.texture);
+    PaintTiledNoise(16, 7, 0.8f, 0.20f, seed_ + 13, &sand_.texture);
+    sand_.Finish(kSandTexelM, -0.9);
+  }
+
+  // Red: gravel against sand. Green: contrast (0 in the poor patches). Blue: where texture repeats.
+  void MakeMask() {
+    const int width = static_cast<int>(size_.x() / kMaskTexelM) + 2;
+    const int height = static_cast<int>(size_.y() / kMaskTexelM) + 2;
+    mask_ = Texture(width, height, Texture::Edge::kClamp, {0.0f, 0.0f, 0.0f});
+    std::vector<float> poor, repeat;
+    const auto patches = [&](int x, int y, std::uint32_t seed) {
+      return FractalNoise(0.45f * kMaskTexelM * static_cast<float>(x),
+                          0.45f * kMaskTexelM * static_cast<float>(y), 3, 0.5f, seed);
+    };
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        poor.push_back(patches(x, y, seed_ + 20));
+        repeat.push_back(patches(x, y, seed_ + 21));
+      }
+    }
+    // Thresholds at which the asked fraction of the area lies above.
+    const auto threshold = [](std::vector<float> values, double fraction) {
+      if (fraction <= 0.0) return 1e9f;
+      std::sort(values.begin(), values.end());
+      const double rank = (1.0 - fraction) * static_cast<double>(values.size() - 1);
+      return values[static_cast<std::size_t>(std::max(0.0, rank))];
+    };
+    const float poor_above = threshold(poor, options_.poor_fraction);
+    const float repeat_above = threshold(repeat, options_.repeat_fraction);
+    std::size_t i = 0;
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x, ++i) {
+        const float gravel = SmoothStep(-0.25f, 0.25f, patches(x, y, seed_ + 22));
+        const float contrast = 1.0f - SmoothStep(poor_above - 0.05f, poor_above + 0.05f, poor[i]);
+        const float repeats = repeat[i] > repeat_above ? 1.0f : 0.0f;
+        mask_.Blend(x, y, {gravel, contrast, repeats}, 1.0f);
+      }
+    }
+    mask_.BuildMips();
+  }
+
+  // Unique over the whole area: tints, mottling and pebbles of centimetres.
+  void MakeMacro() {
+    macro_texel_m_ = static_cast<float>(
+        std::max(0.01, std::sqrt(static_cast<double>(size_.x()) * size_.y() / kMaxMacroTexels)));
+    const int width = static_cast<int>(size_.x() / macro_texel_m_) + 2;
+    const int height = static_cast<int>(size_.y() / macro_texel_m_) + 2;
+    macro_ = Texture(width, height, Texture::Edge::kClamp, {0.40f, 0.37f, 0.31f});
+    const double area_px = static_cast<double>(width) * height;
+    const auto max_radius = 0.09f / macro_texel_m_;
+    PaintPebbles({static_cast<int>(area_px * 0.010), 0.8f, std::max(max_radius, 1.0f), 1.8f, 0.9f,
+                  seed_ + 30},
+                 &macro_);
+    for (int y = 0; y < height; ++y) {
+      for (int x = 0; x < width; ++x) {
+        const float north = macro_texel_m_ * static_cast<float>(x);
+        const float east = macro_texel_m_ * static_cast<float>(y);
+        const float contrast = MaskAt(north, east)[1];
+        macro_.Blend(x, y, {0.46f, 0.42f, 0.34f}, 0.97f * (1.0f - contrast));
+        const float mottle =
+            1.0f + (0.15f + 0.85f * contrast) * 0.30f *
+                       FractalNoise(0.8f * north, 0.8f * east, 6, 0.7f, seed_ + 31);
+        const float hue = 0.12f * GradientNoise(0.23f * north, 0.23f * east, seed_ + 32);
+        macro_.Multiply(x, y, {mottle * (1.0f + hue), mottle, mottle * (1.0f - hue)});
+      }
+    }
+    macro_.BuildMips();
+  }
+
+  void MakeGround() {
+    const double cells =
+        static_cast<double>(size_.x()) * size_.y() / (options_.cell_m * options_.cell_m);
+    const double cell =
+        options_.cell_m * std::max(1.0, std::sqrt(cells / static_cast<double>(kMaxCells)));
+    const auto nx = static_cast<std::uint32_t>(std::ceil(size_.x() / cell)) + 1;
+    const auto ny = static_cast<std::uint32_t>(std::ceil(size_.y() / cell)) + 1;
+    TriangleMesh& mesh = meshes_.emplace_back();
+    mesh.vertices.reserve(static_cast<std::size_t>(nx) * ny);
+    mesh.triangles.reserve(2 * static_cast<std::size_t>(nx) * ny);
+    for (std::uint32_t j = 0; j < ny; ++j) {
+      for (std::uint32_t i = 0; i < nx; ++i) {
+        const float x = -0.5f * size_.x() + static_cast<float>(i) * static_cast<float>(cell);
+        const float y = -0.5f * size_.y() + static_cast<float>(j) * static_cast<float>(cell);
+        mesh.vertices.emplace_back(x, y, -Height(x, y));
+      }
+    }
+    // Up is -z: seen from above, (x east of y) turns so that the normals point up.
+    for (std::uint32_t j = 0; j + 1 < ny; ++j) {
+      for (std::uint32_t i = 0; i + 1 < nx; ++i) {
+        const std::uint32_t a = j * nx + i;
+        mesh.triangles.push_back({a, a + nx, a + 1});
+        mesh.triangles.push_back({a + 1, a + nx, a + nx + 1});
+      }
+    }
+    ComputeNormals(&mesh);
+  }
+
+  void MakeStones() {
+    Rng rng(options_.seed ^ 0x53544F4E45u);
+    const auto count = static_cast<int>(options_.stones_per_m2 * size_.x() * size_.y());
+    const TriangleMesh spheres[2] = {MakeIcosphere(2), MakeIcosphere(3)};
+    TriangleMesh meshes[2];
+    const double ratio = std::pow(options_.stone_max_radius_m / options_.stone_min_radius_m, -1.6);
+    for (int i = 0; i < count; ++i) {
+      Stone stone;
+      const auto x = static_cast<float>(rng.Uniform(-0.5, 0.5)) * size_.x();
+      const auto y = static_cast<float>(rng.Uniform(-0.5, 0.5)) * size_.y();
+      stone.radius_m = static_cast<float>(
+          options_.stone_min_radius_m * std::pow(1.0 - rng.Uniform() * (1.0 - ratio), -1.0 / 1.6));
+      const auto sunk = static_cast<float>(rng.Uniform(-0.1, 0.45));
+      stone.center_in_scene = Vec3f(x, y, -Height(x, y) + (sunk - 0.1f) * stone.radius_m);
+      const auto tone = static_cast<float>(rng.Uniform(0.35, 1.3));
+      const auto hue = static_cast<float>(rng.Uniform(-0.12, 0.15));
+      stone.tint = {0.36f * tone * (1.0f + hue), 0.34f * tone, 0.31f * tone * (1.0f - hue)};
+      stone.texture_offset_m = Vec2(rng.Uniform(0.0, 50.0), rng.Uniform(0.0, 50.0));
+      Rng shape(rng.Next());
+      const Vec2 area = AreaFromScene(x, y);
+      if (MaskAt(static_cast<float>(area.x()), static_cast<float>(area.y()))[1] < 0.5f) continue;
+      const int size = stone.radius_m > 0.12f ? 1 : 0;
+      AppendStone(spheres[size], stone, &shape, &meshes[size]);
+      stones_[size].push_back(stone);
+    }
+    for (int size = 0; size < 2; ++size) {
+      triangles_per_stone_[size] = static_cast<std::uint32_t>(spheres[size].triangles.size());
+      ComputeNormals(&meshes[size]);
+      meshes_.push_back(std::move(meshes[size]));
+    }
+  }
+
+  Rgb MaskAt(float north, float east) const {
+    return mask_.Sample(north / kMaskTexelM, east / kMaskTexelM, 0.0f);
+  }
+
+  Rgb GroundAlbedo(const SurfacePoint& point) const {
+    float x = point.position_in_scene.x() + 0.5f * size_.x();
+    float y = point.position_in_scene.y() + 0.5f * size_.y();
+    const Rgb mask = MaskAt(x, y);
+    if (mask[2] > 0.5f) {
+      const auto period = static_cast<float>(options_.repeat_length_m);
+      x = std::fmod(x, period);
+      y = std::fmod(y, period);
+    }
+    Rgb colour = macro_.Sample(x / macro_texel_m_, y / macro_texel_m_,
+                               RoughLog2(point.footprint_m / macro_texel_m_) + point.lod_dither);
+    const float contrast = 0.08f + 0.92f * mask[1];
+    const float gravel_weight = contrast * mask[0];
+    const float sand_weight = contrast - gravel_weight;
+    Rgb factor = {1.0f - contrast, 1.0f - contrast, 1.0f - contrast};
+    if (gravel_weight > 0.01f) {
+      const Rgb detail = gravel_.Sample(x, y, point.footprint_m, point.lod_dither);
+      for (int i = 0; i < 3; ++i) factor[i] += gravel_weight * detail[i];
+    }
+    if (sand_weight > 0.01f) {
+      const Rgb detail = sand_.Sample(x, y, point.footprint_m, point.lod_dither);
+      for (int i = 0; i < 3; ++i) factor[i] += sand_weight * detail[i];
+    }
+    for (int i = 0; i < 3; ++i) colour[i] = std::min(0.95f, colour[i] * factor[i]);
+    return colour;
+  }
+
+  // Textured along the largest axis of the normal, at two scales.
+  Rgb StoneAlbedo(const SurfacePoint& point) const {
+    const std::uint32_t size = point.mesh - 1;
+    const Stone& stone = stones_[size][point.triangle / triangles_per_stone_[size]];
+    const Vec3f local = point.position_in_scene - stone.center_in_scene;
+    int axis = 0;
+    point.normal.cwiseAbs().maxCoeff(&axis);
+    const float u = local[(axis + 1) % 3] + static_cast<float>(stone.texture_offset_m.x());
+    const float v = local[(axis + 2) % 3] + static_cast<float>(stone.texture_offset_m.y());
+    const Rgb fine = sand_.Sample(u, v, point.footprint_m, point.lod_dither);
+    const Rgb coarse =
+        gravel_.Sample(0.27f * u + 7.0f, 0.27f * v, 0.27f * point.footprint_m, point.lod_dither);
+    Rgb colour;
+    for (int i = 0; i < 3; ++i) {
+      colour[i] =
+          std::min(0.95f, stone.tint[i] * (0.35f + 0.65f * fine[i]) * (0.3f + 0.7f * coarse[i]));
+    }
+    return colour;
+  }
+
+  SeafloorOptions options_;
+  Vec3 offset_ = Vec3::Zero();
+  Eigen::Vector2f size_ = Eigen::Vector2f::Zero();
+  std::uint32_t seed_ = 0;
+  DetailTile gravel_;
+  DetailTile sand_;
+  Texture mask_;
+  Texture macro_;
+  float macro_texel_m_ = 0.01f;
+  std::vector<TriangleMesh> meshes_;  // ground, small stones, large stones
+  std::vector<Stone> stones_[2];
+  std::uint32_t triangles_per_stone_[2] = {1, 1};
+};
+
+}  // namespace
+
+std::unique_ptr<Scene> MakeSeafloor(const SeafloorOptions& options) {
+  return std::make_unique<Seafloor>(options);
+}
+
+}  // namespace rsfm
