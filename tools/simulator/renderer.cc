@@ -58,9 +58,9 @@ void TransformRays(const Rigid3& b_from_a, const RaySoa& in_a, RaySoa* in_b) {
 
 Vec3f InterpolatedNormal(const TriangleMesh& mesh, const RayHit& hit) {
   const auto& [a, b, c] = mesh.triangles[hit.triangle];
-  return ((1.0f - hit.u - hit.v) * mesh.normals[a] + hit.u * mesh.normals[b] +
-          hit.v * mesh.normals[c])
-      .normalized();
+  const Vec3f& first = mesh.normals[a];
+  const Vec3f sum = first + hit.u * (mesh.normals[b] - first) + hit.v * (mesh.normals[c] - first);
+  return sum * (1.0f / std::sqrt(sum.squaredNorm()));
 }
 
 }  // namespace
@@ -71,7 +71,6 @@ struct Renderer::Scratch {
   std::vector<SurfacePoint> points;
   std::vector<std::uint32_t> sample_of_point;
   std::vector<Rgb> albedo;
-  std::vector<Rgb> pixels;
 };
 
 Renderer::Renderer(const AnyCamera& camera, const Scene& scene, const RayCaster& caster,
@@ -165,6 +164,50 @@ void Renderer::Develop(const Rgb& linear, int x, int y, std::uint32_t frame,
   }
 }
 
+// The light on a pixel's samples differs little where they lie on one mesh: it is then computed
+// once, at the mean of the two samples next to the centre, which lie on opposite sides of it.
+void Renderer::ShadePixel(const Eigen::Matrix3f& camera_from_scene, std::size_t first_sample,
+                          std::size_t first_point, std::size_t num_points, const RaySoa& rays,
+                          Scratch* scratch, Rgb* pixel) const {
+  const Scratch& s = *scratch;
+  const auto point_of = [&](std::size_t sample) {
+    return Vec3f(Vec3f(rays.ox[sample], rays.oy[sample], rays.oz[sample]) +
+                 s.hits[sample].range_m * Vec3f(rays.dx[sample], rays.dy[sample], rays.dz[sample]));
+  };
+  const std::size_t count = samples_;
+  bool is_one_mesh = num_points == count;
+  for (std::size_t i = 1; i < num_points; ++i) {
+    is_one_mesh &= s.points[first_point + i].mesh == s.points[first_point].mesh;
+  }
+  if (is_one_mesh) {
+    const std::size_t a = (count - 1) / 2;
+    const std::size_t b = count / 2;
+    Rgb albedo = {0.0f, 0.0f, 0.0f};
+    for (std::size_t i = 0; i < count; ++i) {
+      for (int c = 0; c < 3; ++c) albedo[c] += s.albedo[first_point + i][c];
+    }
+    const Vec3f normal =
+        camera_from_scene * (s.points[first_point + a].normal + s.points[first_point + b].normal);
+    *pixel = water_.Shade(
+        0.5f * (point_of(first_sample + a) + point_of(first_sample + b)), normal.normalized(),
+        0.5f * (s.hits[first_sample + a].range_m + s.hits[first_sample + b].range_m), albedo,
+        static_cast<float>(count));
+    return;
+  }
+  std::size_t p = first_point;
+  for (std::size_t i = first_sample; i < first_sample + count; ++i) {
+    Rgb value = {0.0f, 0.0f, 0.0f};
+    if (p < first_point + num_points && s.sample_of_point[p] == i) {
+      value = water_.Shade(point_of(i), camera_from_scene * s.points[p].normal, s.hits[i].range_m,
+                           s.albedo[p], 1.0f);
+      ++p;
+    } else if (rays.dx[i] != 0.0f || rays.dy[i] != 0.0f || rays.dz[i] != 0.0f) {
+      value = water_.Veil();
+    }
+    for (int c = 0; c < 3; ++c) (*pixel)[c] += value[c];
+  }
+}
+
 void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, int row,
                          Scratch* scratch, std::uint8_t* bgr) const {
   const RaySoa& rays = rows_[row];
@@ -175,25 +218,20 @@ void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, i
   const std::span<const TriangleMesh> meshes = scene_.meshes();
   s.points.clear();
   s.sample_of_point.clear();
-  std::fill(s.pixels.begin(), s.pixels.end(), Rgb{0.0f, 0.0f, 0.0f});
+  const auto samples = static_cast<std::uint32_t>(samples_);
   for (std::uint32_t i = 0; i < rays.size(); ++i) {
     const RayHit& hit = s.hits[i];
-    if (hit.range_m < 0.0f) {
-      const bool has_ray = rays.dx[i] != 0.0f || rays.dy[i] != 0.0f || rays.dz[i] != 0.0f;
-      const Rgb veil = has_ray ? water_.Veil() : Rgb{0.0f, 0.0f, 0.0f};
-      for (int c = 0; c < 3; ++c) s.pixels[i / samples_][c] += veil[c];
-      continue;
-    }
-    SurfacePoint point;
+    if (hit.range_m < 0.0f) continue;
     const RaySoa& r = s.rays_in_scene;
+    const std::uint32_t sample = i % samples;
+    SurfacePoint& point = s.points.emplace_back();
     point.position_in_scene =
         Vec3f(r.ox[i], r.oy[i], r.oz[i]) + hit.range_m * Vec3f(r.dx[i], r.dy[i], r.dz[i]);
     point.normal = InterpolatedNormal(meshes[hit.mesh], hit);
     point.footprint_m = hit.range_m * sample_angle_rad_;
-    point.lod_dither = (static_cast<float>(i % samples_) + 0.5f) / static_cast<float>(samples_);
+    point.lod_dither = (static_cast<float>(sample) + 0.5f) / static_cast<float>(samples);
     point.mesh = hit.mesh;
     point.triangle = hit.triangle;
-    s.points.push_back(point);
     s.sample_of_point.push_back(i);
   }
   s.albedo.resize(s.points.size());
@@ -201,18 +239,17 @@ void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, i
 
   const Eigen::Matrix3f camera_from_scene =
       scene_from_camera.rotation.conjugate().toRotationMatrix().cast<float>();
-  for (std::size_t p = 0; p < s.points.size(); ++p) {
-    const std::uint32_t i = s.sample_of_point[p];
-    const float range = s.hits[i].range_m;
-    const Vec3f point = Vec3f(rays.ox[i], rays.oy[i], rays.oz[i]) +
-                        range * Vec3f(rays.dx[i], rays.dy[i], rays.dz[i]);
-    const Rgb value =
-        water_.Shade(point, camera_from_scene * s.points[p].normal, range, s.albedo[p]);
-    for (int c = 0; c < 3; ++c) s.pixels[i / samples_][c] += value[c];
-  }
   const float share = 1.0f / static_cast<float>(samples_);
+  std::size_t first_point = 0;
   for (int x = 0; x < camera_.width(); ++x) {
-    const Rgb& sum = s.pixels[x];
+    const std::size_t first_sample = static_cast<std::size_t>(x) * samples_;
+    std::size_t end_point = first_point;
+    while (end_point < s.points.size() && s.sample_of_point[end_point] < first_sample + samples_)
+      ++end_point;
+    Rgb sum = {0.0f, 0.0f, 0.0f};
+    ShadePixel(camera_from_scene, first_sample, first_point, end_point - first_point, rays, scratch,
+               &sum);
+    first_point = end_point;
     Develop({share * sum[0], share * sum[1], share * sum[2]}, x, row, frame, bgr + 3 * x);
   }
 }
@@ -227,7 +264,6 @@ void Renderer::Render(const Rigid3& world_from_camera, std::uint32_t frame,
   scratch.points.reserve(samples);
   scratch.sample_of_point.reserve(samples);
   scratch.albedo.reserve(samples);
-  scratch.pixels.resize(width);
   image->width = width;
   image->height = camera_.height();
   image->bgr.resize(static_cast<std::size_t>(3) * width * camera_.height());

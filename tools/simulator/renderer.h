@@ -51,6 +51,9 @@ class Renderer {
 
   void MakeRays(int num_threads);
   void MakeNoiseTable();
+  void ShadePixel(const Eigen::Matrix3f& camera_from_scene, std::size_t first_sample,
+                  std::size_t first_point, std::size_t num_points, const RaySoa& rays,
+                  Scratch* scratch, Rgb* pixel) const;
   void RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, int row, Scratch* scratch,
                  std::uint8_t* bgr) const;
   void Develop(const Rgb& linear, int x, int y, std::uint32_t frame, std::uint8_t* bgr) const;

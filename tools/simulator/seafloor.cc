@@ -6,6 +6,7 @@
 
 #include "rsfm/base/rng.h"
 #include "tools/simulator/noise.h"
+#include "tools/simulator/parallel.h"
 #include "tools/simulator/stones.h"
 #include "tools/simulator/texture.h"
 
@@ -31,35 +32,38 @@ float SmoothStep(float low, float high, float x) {
   return t * t * (3.0f - 2.0f * t);
 }
 
-// A tile of texture and its mean, by which a sample is divided: detail multiplies what it covers.
+// A tile of texture, divided by its mean when sampled: detail multiplies what it covers.
 struct DetailTile {
   Texture texture;
-  float texel_m = 0.001f;
+  float inverse_texel_m = 1000.0f;
   float cosine = 1.0f;
   float sine = 0.0f;
-  Rgb inverse_mean = {1.0f, 1.0f, 1.0f};
+  Float4 inverse_mean = {1.0f, 1.0f, 1.0f, 1.0f};
 
-  void Finish(float texel, double angle) {
-    texel_m = texel;
+  void Finish(float texel_m, double angle) {
+    inverse_texel_m = 1.0f / texel_m;
     cosine = static_cast<float>(std::cos(angle));
     sine = static_cast<float>(std::sin(angle));
     texture.BuildMips();
-    const Rgb mean = texture.Sample(0.0f, 0.0f, 30.0f);
+    const Float4 mean = texture.Sample(0.0f, 0.0f, 30.0f);
     for (int i = 0; i < 3; ++i) inverse_mean[i] = 1.0f / std::max(mean[i], 0.02f);
   }
-  Rgb Sample(float x, float y, float footprint_m, float dither) const {
-    const float inverse = 1.0f / texel_m;
-    Rgb detail =
-        texture.Sample((cosine * x + sine * y) * inverse, (cosine * y - sine * x) * inverse,
-                       RoughLog2(footprint_m * inverse) + dither);
-    for (int i = 0; i < 3; ++i) detail[i] *= inverse_mean[i];
-    return detail;
+  // `level` is the mip level of the footprint over one metre.
+  Float4 Sample(float x, float y, float level) const {
+    const float u = (cosine * x + sine * y) * inverse_texel_m;
+    const float v = (cosine * y - sine * x) * inverse_texel_m;
+    return inverse_mean * texture.Sample(u, v, level + RoughLog2(inverse_texel_m));
   }
 };
 
+Rgb ToRgb(const Float4& colour) {
+  return {std::min(colour[0], 0.95f), std::min(colour[1], 0.95f), std::min(colour[2], 0.95f)};
+}
+
 class Seafloor final : public Scene {
  public:
-  explicit Seafloor(const SeafloorOptions& options) : options_(options) {
+  Seafloor(const SeafloorOptions& options, int num_threads)
+      : options_(options), num_threads_(num_threads) {
     const Vec2 center = 0.5 * (options.min_ne_m + options.max_ne_m);
     offset_ = Vec3(center.x(), center.y(), options.depth_m);
     size_ = (options.max_ne_m - options.min_ne_m).cast<float>();
@@ -105,77 +109,75 @@ class Seafloor final : public Scene {
     gravel_.texture =
         Texture(kTileTexels, kTileTexels, Texture::Edge::kRepeat, {0.30f, 0.27f, 0.23f});
     PaintPebbles({26000, 2.0f, 14.0f, 1.7f, 0.9f, seed_ + 10}, &gravel_.texture);
-    PaintTiledNoise(64, 5, 0.8f, 0.16f, seed_ + 11, &gravel_.texture);
+    PaintTiledNoise({64, 4, 0.8f, 0.18f, seed_ + 11}, num_threads_, &gravel_.texture);
     gravel_.Finish(kGravelTexelM, 0.4);
     sand_.texture =
         Texture(kTileTexels, kTileTexels, Texture::Edge::kRepeat, {0.42f, 0.38f, 0.30f});
-    PaintPebbles({9000, 1.5f, 9.0f, 2.2f, 0.8f, seed_ + 12}, &sand_.texture);
-    PaintTiledNoise(16, 7, 0.8f, 0.20f, seed_ + 13, &sand_.texture);
+    PaintPebbles({12000, 1.5f, 9.0f, 2.2f, 0.8f, seed_ + 12}, &sand_.texture);
+    PaintTiledNoise({16, 6, 0.85f, 0.20f, seed_ + 13}, num_threads_, &sand_.texture);
     sand_.Finish(kSandTexelM, -0.9);
   }
 
-  // Red: gravel against sand. Green: contrast (0 in the poor patches). Blue: where texture repeats.
+  // Above it lies the given fraction of the values.
+  static float Threshold(std::vector<float> values, double fraction) {
+    if (fraction <= 0.0) return 1e9f;
+    std::sort(values.begin(), values.end());
+    const double rank = (1.0 - fraction) * static_cast<double>(values.size() - 1);
+    return values[static_cast<std::size_t>(std::max(0.0, rank))];
+  }
+
+  // Red: contrast, 0 in the poor patches. Green: where the texture repeats.
   void MakeMask() {
     const int width = static_cast<int>(size_.x() / kMaskTexelM) + 2;
     const int height = static_cast<int>(size_.y() / kMaskTexelM) + 2;
     mask_ = Texture(width, height, Texture::Edge::kClamp, {0.0f, 0.0f, 0.0f});
     std::vector<float> poor, repeat;
-    const auto patches = [&](int x, int y, std::uint32_t seed) {
-      return FractalNoise(0.45f * kMaskTexelM * static_cast<float>(x),
-                          0.45f * kMaskTexelM * static_cast<float>(y), 3, 0.5f, seed);
-    };
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
-        poor.push_back(patches(x, y, seed_ + 20));
-        repeat.push_back(patches(x, y, seed_ + 21));
+        const float north = 0.45f * kMaskTexelM * static_cast<float>(x);
+        const float east = 0.45f * kMaskTexelM * static_cast<float>(y);
+        poor.push_back(FractalNoise(north, east, 3, 0.5f, seed_ + 20));
+        repeat.push_back(FractalNoise(north, east, 3, 0.5f, seed_ + 21));
       }
     }
-    // Thresholds at which the asked fraction of the area lies above.
-    const auto threshold = [](std::vector<float> values, double fraction) {
-      if (fraction <= 0.0) return 1e9f;
-      std::sort(values.begin(), values.end());
-      const double rank = (1.0 - fraction) * static_cast<double>(values.size() - 1);
-      return values[static_cast<std::size_t>(std::max(0.0, rank))];
-    };
-    const float poor_above = threshold(poor, options_.poor_fraction);
-    const float repeat_above = threshold(repeat, options_.repeat_fraction);
+    const float poor_above = Threshold(poor, options_.poor_fraction);
+    const float repeat_above = Threshold(repeat, options_.repeat_fraction);
     std::size_t i = 0;
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x, ++i) {
-        const float gravel = SmoothStep(-0.25f, 0.25f, patches(x, y, seed_ + 22));
-        const float contrast = 1.0f - SmoothStep(poor_above - 0.05f, poor_above + 0.05f, poor[i]);
-        const float repeats = repeat[i] > repeat_above ? 1.0f : 0.0f;
-        mask_.Blend(x, y, {gravel, contrast, repeats}, 1.0f);
+        const float contrast = 1.0f - SmoothStep(poor_above - 0.03f, poor_above + 0.03f, poor[i]);
+        mask_.Blend(x, y, {contrast, repeat[i] > repeat_above ? 1.0f : 0.0f, 0.0f}, 1.0f);
       }
     }
-    mask_.BuildMips();
   }
 
-  // Unique over the whole area: tints, mottling and pebbles of centimetres.
+  // Unique over the whole area: tints, mottling and pebbles of centimetres. The fourth channel is
+  // the contrast of the finer detail.
   void MakeMacro() {
-    macro_texel_m_ = static_cast<float>(
-        std::max(0.01, std::sqrt(static_cast<double>(size_.x()) * size_.y() / kMaxMacroTexels)));
+    const double area_m2 = static_cast<double>(size_.x()) * size_.y();
+    macro_texel_m_ = static_cast<float>(std::max(0.005, std::sqrt(area_m2 / kMaxMacroTexels)));
     const int width = static_cast<int>(size_.x() / macro_texel_m_) + 2;
     const int height = static_cast<int>(size_.y() / macro_texel_m_) + 2;
     macro_ = Texture(width, height, Texture::Edge::kClamp, {0.40f, 0.37f, 0.31f});
-    const double area_px = static_cast<double>(width) * height;
-    const auto max_radius = 0.09f / macro_texel_m_;
-    PaintPebbles({static_cast<int>(area_px * 0.010), 0.8f, std::max(max_radius, 1.0f), 1.8f, 0.9f,
-                  seed_ + 30},
-                 &macro_);
-    for (int y = 0; y < height; ++y) {
+    const float min_radius = std::max(0.006f / macro_texel_m_, 0.8f);
+    const float max_radius = std::max(0.10f / macro_texel_m_, 2.0f);
+    PaintPebbles(
+        {static_cast<int>(area_m2 * 260.0), min_radius, max_radius, 1.7f, 0.9f, seed_ + 30},
+        &macro_);
+    ParallelFor(height, num_threads_, [&](int y) {
       for (int x = 0; x < width; ++x) {
         const float north = macro_texel_m_ * static_cast<float>(x);
         const float east = macro_texel_m_ * static_cast<float>(y);
-        const float contrast = MaskAt(north, east)[1];
-        macro_.Blend(x, y, {0.46f, 0.42f, 0.34f}, 0.97f * (1.0f - contrast));
+        const float contrast = MaskAt(north, east)[0];
+        macro_.Blend(x, y, {0.46f, 0.42f, 0.34f}, 0.96f * (1.0f - contrast));
+        const float strength = 0.30f * (0.15f + 0.85f * contrast);
         const float mottle =
-            1.0f + (0.15f + 0.85f * contrast) * 0.30f *
-                       FractalNoise(0.8f * north, 0.8f * east, 6, 0.7f, seed_ + 31);
+            1.0f + strength * FractalNoise(0.8f * north, 0.8f * east, 6, 0.72f, seed_ + 31);
         const float hue = 0.12f * GradientNoise(0.23f * north, 0.23f * east, seed_ + 32);
         macro_.Multiply(x, y, {mottle * (1.0f + hue), mottle, mottle * (1.0f - hue)});
+        macro_.SetFourth(x, y, 0.10f + 0.90f * contrast);
       }
-    }
+    });
     macro_.BuildMips();
   }
 
@@ -227,7 +229,7 @@ class Seafloor final : public Scene {
       stone.texture_offset_m = Vec2(rng.Uniform(0.0, 50.0), rng.Uniform(0.0, 50.0));
       Rng shape(rng.Next());
       const Vec2 area = AreaFromScene(x, y);
-      if (MaskAt(static_cast<float>(area.x()), static_cast<float>(area.y()))[1] < 0.5f) continue;
+      if (MaskAt(static_cast<float>(area.x()), static_cast<float>(area.y()))[0] < 0.5f) continue;
       const int size = stone.radius_m > 0.12f ? 1 : 0;
       AppendStone(spheres[size], stone, &shape, &meshes[size]);
       stones_[size].push_back(stone);
@@ -239,39 +241,28 @@ class Seafloor final : public Scene {
     }
   }
 
-  Rgb MaskAt(float north, float east) const {
+  Float4 MaskAt(float north, float east) const {
     return mask_.Sample(north / kMaskTexelM, east / kMaskTexelM, 0.0f);
   }
 
   Rgb GroundAlbedo(const SurfacePoint& point) const {
     float x = point.position_in_scene.x() + 0.5f * size_.x();
     float y = point.position_in_scene.y() + 0.5f * size_.y();
-    const Rgb mask = MaskAt(x, y);
-    if (mask[2] > 0.5f) {
+    if (options_.repeat_fraction > 0.0 && MaskAt(x, y)[1] > 0.5f) {
       const auto period = static_cast<float>(options_.repeat_length_m);
       x = std::fmod(x, period);
       y = std::fmod(y, period);
     }
-    Rgb colour = macro_.Sample(x / macro_texel_m_, y / macro_texel_m_,
-                               RoughLog2(point.footprint_m / macro_texel_m_) + point.lod_dither);
-    const float contrast = 0.08f + 0.92f * mask[1];
-    const float gravel_weight = contrast * mask[0];
-    const float sand_weight = contrast - gravel_weight;
-    Rgb factor = {1.0f - contrast, 1.0f - contrast, 1.0f - contrast};
-    if (gravel_weight > 0.01f) {
-      const Rgb detail = gravel_.Sample(x, y, point.footprint_m, point.lod_dither);
-      for (int i = 0; i < 3; ++i) factor[i] += gravel_weight * detail[i];
-    }
-    if (sand_weight > 0.01f) {
-      const Rgb detail = sand_.Sample(x, y, point.footprint_m, point.lod_dither);
-      for (int i = 0; i < 3; ++i) factor[i] += sand_weight * detail[i];
-    }
-    for (int i = 0; i < 3; ++i) colour[i] = std::min(0.95f, colour[i] * factor[i]);
-    return colour;
+    const float level = RoughLog2(point.footprint_m) + point.lod_dither;
+    const float inverse = 1.0f / macro_texel_m_;
+    const Float4 macro = macro_.Sample(x * inverse, y * inverse, level + RoughLog2(inverse));
+    const Float4 detail = 0.6f * gravel_.Sample(x, y, level) + 0.4f * sand_.Sample(x, y, level);
+    return ToRgb(macro * (1.0f + macro[3] * (detail - 1.0f)));
   }
 
   // Textured along the largest axis of the normal, at two scales.
   Rgb StoneAlbedo(const SurfacePoint& point) const {
+    constexpr float kCoarse = 0.27f;
     const std::uint32_t size = point.mesh - 1;
     const Stone& stone = stones_[size][point.triangle / triangles_per_stone_[size]];
     const Vec3f local = point.position_in_scene - stone.center_in_scene;
@@ -279,18 +270,16 @@ class Seafloor final : public Scene {
     point.normal.cwiseAbs().maxCoeff(&axis);
     const float u = local[(axis + 1) % 3] + static_cast<float>(stone.texture_offset_m.x());
     const float v = local[(axis + 2) % 3] + static_cast<float>(stone.texture_offset_m.y());
-    const Rgb fine = sand_.Sample(u, v, point.footprint_m, point.lod_dither);
-    const Rgb coarse =
-        gravel_.Sample(0.27f * u + 7.0f, 0.27f * v, 0.27f * point.footprint_m, point.lod_dither);
-    Rgb colour;
-    for (int i = 0; i < 3; ++i) {
-      colour[i] =
-          std::min(0.95f, stone.tint[i] * (0.35f + 0.65f * fine[i]) * (0.3f + 0.7f * coarse[i]));
-    }
-    return colour;
+    const float level = RoughLog2(point.footprint_m) + point.lod_dither;
+    const Float4 fine = 0.35f + 0.65f * sand_.Sample(u, v, level);
+    const Float4 coarse =
+        0.30f + 0.70f * gravel_.Sample(kCoarse * u + 7.0f, kCoarse * v, level + RoughLog2(kCoarse));
+    const Float4 tint = {stone.tint[0], stone.tint[1], stone.tint[2], 1.0f};
+    return ToRgb(tint * fine * coarse);
   }
 
   SeafloorOptions options_;
+  int num_threads_;
   Vec3 offset_ = Vec3::Zero();
   Eigen::Vector2f size_ = Eigen::Vector2f::Zero();
   std::uint32_t seed_ = 0;
@@ -306,8 +295,8 @@ class Seafloor final : public Scene {
 
 }  // namespace
 
-std::unique_ptr<Scene> MakeSeafloor(const SeafloorOptions& options) {
-  return std::make_unique<Seafloor>(options);
+std::unique_ptr<Scene> MakeSeafloor(const SeafloorOptions& options, int num_threads) {
+  return std::make_unique<Seafloor>(options, num_threads);
 }
 
 }  // namespace rsfm

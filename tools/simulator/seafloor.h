@@ -26,6 +26,6 @@ struct SeafloorOptions {
   std::uint64_t seed = 1;
 };
 
-std::unique_ptr<Scene> MakeSeafloor(const SeafloorOptions& options);
+std::unique_ptr<Scene> MakeSeafloor(const SeafloorOptions& options, int num_threads);
 
 }  // namespace rsfm

@@ -1,16 +1,24 @@
 #include "tools/simulator/texture.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "rsfm/base/rng.h"
 #include "tools/simulator/noise.h"
+#include "tools/simulator/parallel.h"
 
 namespace rsfm {
 namespace {
 
-std::uint32_t Pack(const Rgb& colour) {
-  std::uint32_t packed = 0;
+using Bytes16 = std::uint8_t __attribute__((vector_size(16)));
+using Shorts8 = std::uint16_t __attribute__((vector_size(16)));
+using Words4 = std::uint32_t __attribute__((vector_size(16)));
+using Ints4 = std::int32_t __attribute__((vector_size(16)));
+
+// The colour's bytes over those of `below`, whose fourth channel stays.
+std::uint32_t Pack(const Rgb& colour, std::uint32_t below) {
+  std::uint32_t packed = below & 0xFF000000u;
   for (int i = 0; i < 3; ++i) {
     const float value = std::clamp(colour[i], 0.0f, 1.0f);
     packed |= static_cast<std::uint32_t>(value * 255.0f + 0.5f) << (8 * i);
@@ -26,14 +34,34 @@ Rgb Unpack(std::uint32_t packed) {
   return colour;
 }
 
+// The four bytes as floats: interleaved with zeros twice, which every SIMD unit has as one step.
+Float4 Widen(std::uint32_t packed) {
+  const Bytes16 bytes = std::bit_cast<Bytes16>(Words4{packed, 0, 0, 0});
+  const Bytes16 twos = __builtin_shuffle(
+      bytes, Bytes16{}, Bytes16{0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23});
+  const Shorts8 fours =
+      __builtin_shuffle(std::bit_cast<Shorts8>(twos), Shorts8{}, Shorts8{0, 8, 1, 9, 2, 10, 3, 11});
+  return __builtin_convertvector(std::bit_cast<Ints4>(fours), Float4);
+}
+
+Float4 Blend2(std::uint32_t a, std::uint32_t b, float fraction) {
+  const Float4 from = Widen(a);
+  return from + fraction * (Widen(b) - from);
+}
+
+int Floor(float x) {
+  const int i = static_cast<int>(x);
+  return i - (x < static_cast<float>(i) ? 1 : 0);
+}
+
 // Stones of a seabed: greys and browns, some white shell, some dark weed, a little red algae.
 Rgb PebbleColour(Rng* rng) {
   const double kind = rng->Uniform();
   const float tone = static_cast<float>(rng->Uniform());
   if (kind < 0.10) return {0.75f + 0.20f * tone, 0.72f + 0.20f * tone, 0.66f + 0.20f * tone};
-  if (kind < 0.30) return {0.04f + 0.08f * tone, 0.05f + 0.08f * tone, 0.05f + 0.06f * tone};
-  if (kind < 0.36) return {0.32f + 0.25f * tone, 0.10f + 0.10f * tone, 0.12f + 0.10f * tone};
-  if (kind < 0.42) return {0.10f + 0.10f * tone, 0.20f + 0.16f * tone, 0.06f + 0.06f * tone};
+  if (kind < 0.32) return {0.04f + 0.08f * tone, 0.05f + 0.08f * tone, 0.05f + 0.06f * tone};
+  if (kind < 0.36) return {0.30f + 0.22f * tone, 0.16f + 0.12f * tone, 0.15f + 0.11f * tone};
+  if (kind < 0.40) return {0.14f + 0.12f * tone, 0.19f + 0.14f * tone, 0.10f + 0.08f * tone};
   const float warm = static_cast<float>(rng->Uniform(0.75, 1.0));
   const float grey = 0.10f + 0.50f * tone;
   return {grey, grey * (0.6f + 0.4f * warm), grey * warm * 0.9f};
@@ -71,9 +99,14 @@ void PaintPebble(const Pebble& p, Texture* texture) {
 
 }  // namespace
 
-Texture::Texture(int width, int height, Edge edge, const Rgb& fill) : edge_(edge), levels_(1) {
-  levels_[0] = {width, height,
-                std::vector<std::uint32_t>(static_cast<std::size_t>(width) * height, Pack(fill))};
+Texture::Level::Level(int width_in, int height_in, std::uint32_t fill)
+    : width(width_in),
+      height(height_in),
+      blocks_per_row((static_cast<std::size_t>(width_in) + 3) / 4),
+      texels(blocks_per_row * ((static_cast<std::size_t>(height_in) + 3) / 4) * 16, fill) {}
+
+Texture::Texture(int width, int height, Edge edge, const Rgb& fill) : edge_(edge) {
+  levels_.emplace_back(width, height, Pack(fill, 0));
 }
 
 std::uint32_t* Texture::TexelAt(int x, int y) {
@@ -84,7 +117,7 @@ std::uint32_t* Texture::TexelAt(int x, int y) {
   } else if (x < 0 || y < 0 || x >= level.width || y >= level.height) {
     return nullptr;
   }
-  return &level.texels[static_cast<std::size_t>(y) * level.width + x];
+  return &level.texels[level.Index(x, y)];
 }
 
 void Texture::Blend(int x, int y, const Rgb& colour, float opacity) {
@@ -92,7 +125,7 @@ void Texture::Blend(int x, int y, const Rgb& colour, float opacity) {
   if (texel == nullptr) return;
   Rgb mixed = Unpack(*texel);
   for (int i = 0; i < 3; ++i) mixed[i] += opacity * (colour[i] - mixed[i]);
-  *texel = Pack(mixed);
+  *texel = Pack(mixed, *texel);
 }
 
 void Texture::Multiply(int x, int y, const Rgb& factor) {
@@ -100,76 +133,67 @@ void Texture::Multiply(int x, int y, const Rgb& factor) {
   if (texel == nullptr) return;
   Rgb colour = Unpack(*texel);
   for (int i = 0; i < 3; ++i) colour[i] *= factor[i];
-  *texel = Pack(colour);
+  *texel = Pack(colour, *texel);
+}
+
+void Texture::SetFourth(int x, int y, float value) {
+  std::uint32_t* texel = TexelAt(x, y);
+  if (texel == nullptr) return;
+  const float clamped = std::clamp(value, 0.0f, 1.0f);
+  *texel = (*texel & 0xFFFFFFu) | static_cast<std::uint32_t>(clamped * 255.0f + 0.5f) << 24;
 }
 
 void Texture::BuildMips() {
   levels_.resize(1);
   while (levels_.back().width > 4 && levels_.back().height > 4) {
     const Level& fine = levels_.back();
-    Level coarse{fine.width / 2, fine.height / 2, {}};
-    coarse.texels.resize(static_cast<std::size_t>(coarse.width) * coarse.height);
+    Level coarse(fine.width / 2, fine.height / 2, 0);
     for (int y = 0; y < coarse.height; ++y) {
       for (int x = 0; x < coarse.width; ++x) {
-        const std::uint32_t* row =
-            &fine.texels[static_cast<std::size_t>(2 * y) * fine.width + 2 * x];
+        const std::uint32_t children[4] = {fine.texels[fine.Index(2 * x, 2 * y)],
+                                           fine.texels[fine.Index(2 * x + 1, 2 * y)],
+                                           fine.texels[fine.Index(2 * x, 2 * y + 1)],
+                                           fine.texels[fine.Index(2 * x + 1, 2 * y + 1)]};
         std::uint32_t packed = 0;
-        for (int shift = 0; shift < 24; shift += 8) {
-          const std::uint32_t sum = ((row[0] >> shift) & 0xFFu) + ((row[1] >> shift) & 0xFFu) +
-                                    ((row[fine.width] >> shift) & 0xFFu) +
-                                    ((row[fine.width + 1] >> shift) & 0xFFu);
-          packed |= ((sum + 2) / 4) << shift;
+        for (int shift = 0; shift < 32; shift += 8) {
+          std::uint32_t sum = 2;
+          for (const std::uint32_t child : children) sum += (child >> shift) & 0xFFu;
+          packed |= (sum / 4) << shift;
         }
-        coarse.texels[static_cast<std::size_t>(y) * coarse.width + x] = packed;
+        coarse.texels[coarse.Index(x, y)] = packed;
       }
     }
     levels_.push_back(std::move(coarse));
   }
 }
 
-Rgb Texture::Sample(float u, float v, float level) const {
+Float4 Texture::Sample(float u, float v, float level) const {
   const int l = std::clamp(static_cast<int>(level), 0, static_cast<int>(levels_.size()) - 1);
   const Level& texels = levels_[l];
-  const float scale = 1.0f / static_cast<float>(1 << l);
+  const float scale = std::bit_cast<float>((127u - static_cast<std::uint32_t>(l)) << 23);  // 2^-l
   u = u * scale - 0.5f;
   v = v * scale - 0.5f;
-  int x0, y0, x1, y1;
-  float fx, fy;
+  int x0 = Floor(u);
+  int y0 = Floor(v);
+  const float fx = u - static_cast<float>(x0);
+  const float fy = v - static_cast<float>(y0);
+  int x1 = x0 + 1;
+  int y1 = y0 + 1;
   if (edge_ == Edge::kRepeat) {
-    const float floor_u = std::floor(u);
-    const float floor_v = std::floor(v);
-    fx = u - floor_u;
-    fy = v - floor_v;
-    x0 = static_cast<int>(floor_u) & (texels.width - 1);
-    y0 = static_cast<int>(floor_v) & (texels.height - 1);
-    x1 = (x0 + 1) & (texels.width - 1);
-    y1 = (y0 + 1) & (texels.height - 1);
+    x0 &= texels.width - 1;
+    x1 &= texels.width - 1;
+    y0 &= texels.height - 1;
+    y1 &= texels.height - 1;
   } else {
-    u = std::clamp(u, 0.0f, static_cast<float>(texels.width - 1));
-    v = std::clamp(v, 0.0f, static_cast<float>(texels.height - 1));
-    x0 = static_cast<int>(u);
-    y0 = static_cast<int>(v);
-    fx = u - static_cast<float>(x0);
-    fy = v - static_cast<float>(y0);
-    x1 = std::min(x0 + 1, texels.width - 1);
-    y1 = std::min(y0 + 1, texels.height - 1);
+    x0 = std::clamp(x0, 0, texels.width - 1);
+    x1 = std::clamp(x1, 0, texels.width - 1);
+    y0 = std::clamp(y0, 0, texels.height - 1);
+    y1 = std::clamp(y1, 0, texels.height - 1);
   }
-  const std::uint32_t* row0 = &texels.texels[static_cast<std::size_t>(y0) * texels.width];
-  const std::uint32_t* row1 = &texels.texels[static_cast<std::size_t>(y1) * texels.width];
-  const std::uint32_t t00 = row0[x0], t10 = row0[x1], t01 = row1[x0], t11 = row1[x1];
-  const float w11 = fx * fy;
-  const float w10 = fx - w11;
-  const float w01 = fy - w11;
-  const float w00 = 1.0f - fx - w01;
-  Rgb colour;
-  for (int i = 0; i < 3; ++i) {
-    const int shift = 8 * i;
-    colour[i] = (1.0f / 255.0f) * (w00 * static_cast<float>((t00 >> shift) & 0xFFu) +
-                                   w10 * static_cast<float>((t10 >> shift) & 0xFFu) +
-                                   w01 * static_cast<float>((t01 >> shift) & 0xFFu) +
-                                   w11 * static_cast<float>((t11 >> shift) & 0xFFu));
-  }
-  return colour;
+  const std::uint32_t* t = texels.texels.data();
+  const Float4 left = Blend2(t[texels.Index(x0, y0)], t[texels.Index(x0, y1)], fy);
+  const Float4 right = Blend2(t[texels.Index(x1, y0)], t[texels.Index(x1, y1)], fy);
+  return (left + fx * (right - left)) * (1.0f / 255.0f);
 }
 
 void PaintPebbles(const PebbleStyle& style, Texture* texture) {
@@ -188,31 +212,31 @@ void PaintPebbles(const PebbleStyle& style, Texture* texture) {
     p.cosine = static_cast<float>(std::cos(angle));
     p.sine = static_cast<float>(std::sin(angle));
     p.colour = PebbleColour(&rng);
-    p.opacity = style.contrast * static_cast<float>(rng.Uniform(0.6, 1.0));
+    p.opacity = style.opacity * static_cast<float>(rng.Uniform(0.6, 1.0));
     p.seed = static_cast<std::uint32_t>(rng.Next());
     PaintPebble(p, texture);
   }
 }
 
-void PaintTiledNoise(int period, int octaves, float gain, float amplitude, std::uint32_t seed,
-                     Texture* texture) {
-  for (int y = 0; y < texture->height(); ++y) {
+void PaintTiledNoise(const TiledNoiseStyle& style, int num_threads, Texture* texture) {
+  const auto width = static_cast<float>(texture->width());
+  ParallelFor(texture->height(), num_threads, [&](int y) {
     for (int x = 0; x < texture->width(); ++x) {
       float sum = 0.0f;
-      float weight = amplitude;
-      int cells = period;
-      for (int i = 0; i < octaves; ++i) {
-        const float scale = static_cast<float>(cells) / static_cast<float>(texture->width());
+      float weight = style.amplitude;
+      int cells = style.period;
+      for (int i = 0; i < style.octaves; ++i) {
+        const float scale = static_cast<float>(cells) / width;
         sum += weight * TiledNoise((static_cast<float>(x) + 0.5f) * scale,
                                    (static_cast<float>(y) + 0.5f) * scale, cells,
-                                   Hash(seed, static_cast<std::uint32_t>(i)));
-        weight *= gain;
+                                   Hash(style.seed, static_cast<std::uint32_t>(i)));
+        weight *= style.gain;
         cells *= 2;
       }
       const float factor = std::max(0.1f, 1.0f + sum);
       texture->Multiply(x, y, {factor, factor, factor});
     }
-  }
+  });
 }
 
 }  // namespace rsfm

@@ -78,7 +78,8 @@ Water::Water(const WaterOptions& options, double exposed_range_m, double grey)
   }
 }
 
-Rgb Water::Shade(const Vec3f& point, const Vec3f& normal, float range_m, const Rgb& albedo) const {
+Rgb Water::Shade(const Vec3f& point, const Vec3f& normal, float range_m, const Rgb& albedo,
+                 float count) const {
   Rgb light = {0.0f, 0.0f, 0.0f};
   for (std::size_t i = 0; i < strobe_positions_.size(); ++i) {
     const Vec3f from_light = point - strobe_positions_[i];
@@ -96,7 +97,7 @@ Rgb Water::Shade(const Vec3f& point, const Vec3f& normal, float range_m, const R
   Rgb value;
   for (int c = 0; c < 3; ++c) {
     light[c] += ambient_scale_ * ambient[c];
-    value[c] = gain_[c] * albedo[c] * light[c] + veil_[c] * (1.0f - scatter[c]);
+    value[c] = gain_[c] * albedo[c] * light[c] + count * veil_[c] * (1.0f - scatter[c]);
   }
   return value;
 }

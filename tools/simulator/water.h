@@ -37,7 +37,9 @@ class Water {
   Water(const WaterOptions& options, double exposed_range_m, double grey);
 
   // Linear image value of a surface. All in the camera frame, metres; range is from the camera.
-  Rgb Shade(const Vec3f& point, const Vec3f& normal, float range_m, const Rgb& albedo) const;
+  // The sum over `count` samples, where `albedo` is the sum of theirs.
+  Rgb Shade(const Vec3f& point, const Vec3f& normal, float range_m, const Rgb& albedo,
+            float count = 1.0f) const;
   // What is seen where nothing is hit.
   Rgb Veil() const { return veil_; }
 
