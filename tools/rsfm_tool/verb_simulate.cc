@@ -1,0 +1,63 @@
+#include "tools/rsfm_tool/verb_simulate.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <thread>
+
+#include "tools/common/exit.h"
+#include "tools/common/progress.h"
+#include "tools/simulator/simulate.h"
+
+namespace rsfm {
+
+CLI::App* DeclareSimulate(CLI::App& app, SimulateOptions* options) {
+  CLI::App* verb = app.add_subcommand(
+      "simulate", "Render a mission: images through the real port, navigation, ground truth");
+  verb->add_option("SCENARIO", options->scenario, "Scenario file (see tools/scenarios)")
+      ->required();
+  verb->add_option("--out", options->out, "Mission folder to write")->required();
+  verb->add_option("--images", options->max_images, "Stop after this many images")
+      ->check(CLI::PositiveNumber);
+  verb->add_option("--threads", options->threads, "Threads to render with; default: all cores")
+      ->check(CLI::Range(1, 1024));
+  return verb;
+}
+
+int RunSimulate(const SimulateOptions& options) {
+  std::vector<Diagnostic> problems;
+  auto scenario = ReadScenario(options.scenario, &problems);
+  if (!scenario) {
+    for (std::size_t i = 1; i < problems.size(); ++i) Report(problems[i]);
+    return Report(scenario.error());
+  }
+  if (options.max_images > 0) scenario->images.max_images = options.max_images;
+
+  SimulationHooks hooks;
+  hooks.num_threads = options.threads > 0
+                          ? options.threads
+                          : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  std::unique_ptr<Progress> progress;
+  hooks.progress = [&](int done, int total) {
+    if (!progress) progress = std::make_unique<Progress>("simulate", total);
+    progress->Update(done);
+  };
+  hooks.is_interrupted = IsInterrupted;
+  auto report = Simulate(*scenario, options.out, hooks);
+  if (!report) {
+    progress.reset();
+    Diagnostic problem = report.error();
+    if (problem.file.empty()) problem.file = options.scenario;
+    return Report(problem);
+  }
+  if (report->interrupted) {
+    progress.reset();
+    return ReportInterrupted();
+  }
+  if (progress) progress->Finish();
+  std::printf("%s: %d images over %.1f m, %d navigation samples; %.1f images/s\n",
+              options.out.c_str(), report->num_images, report->path_length_m,
+              report->num_nav_samples, report->num_images / std::max(report->rendering_s, 1e-6));
+  return FinishStdout();
+}
+
+}  // namespace rsfm

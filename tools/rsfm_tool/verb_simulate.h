@@ -1,0 +1,19 @@
+// rsfm_tool simulate SCENARIO.yaml --out MISSION
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+namespace rsfm {
+
+struct SimulateOptions {
+  std::string scenario;
+  std::string out;
+  int max_images = 0;  // 0: as the scenario says
+  int threads = 0;     // 0: all cores
+};
+
+CLI::App* DeclareSimulate(CLI::App& app, SimulateOptions* options);
+int RunSimulate(const SimulateOptions& options);
+
+}  // namespace rsfm

@@ -1,0 +1,316 @@
+#include "tools/simulator/scenario.h"
+
+#include <yaml-cpp/yaml.h>
+
+#include <cmath>
+
+#include "rsfm/io/atomic_output.h"
+#include "rsfm/io/text.h"
+#include "rsfm/io/yaml_map.h"
+
+namespace rsfm {
+namespace {
+
+constexpr std::size_t kMaxScenarioBytes = std::size_t{1} << 20;
+
+constexpr Bounds kMetres{1e-3, 1e4, "give metres, from 0.001 to 10000"};
+constexpr Bounds kLength{0.0, 1e4, "give metres, 0 or more"};
+constexpr Bounds kDepth{0.1, 11000.0, "give metres below the surface, from 0.1 to 11000"};
+constexpr Bounds kSigma{0.0, 1e3, "give a standard deviation, 0 or more"};
+constexpr Bounds kShare{0.0, 1.0, "give a share from 0 to 1"};
+constexpr Bounds kDegrees{-360.0, 360.0, "give degrees from -360 to 360"};
+constexpr Bounds kSway{0.0, 60.0, "give degrees from 0 to 60"};
+constexpr Bounds kRate{1e-3, 1e3, "give a rate in Hz, from 0.001 to 1000"};
+constexpr Bounds kSeconds{1e-3, 1e6, "give seconds, from 0.001 to 1000000"};
+constexpr Bounds kDelay{-10.0, 10.0, "give seconds from -10 to 10"};
+constexpr Bounds kElectrons{0.0, 1e7, "give electrons, from 0 to 10000000"};
+
+// One section: reads what is there into variables that hold the defaults.
+class Section {
+ public:
+  Section(YamlMap* parent, const char* key)
+      : Section(parent->GetMap(key, Need::kOptional), parent->PathOf(key), parent) {}
+  Section(const Section&) = delete;
+  ~Section() {
+    if (is_there_) map_.Finish();
+  }
+
+  void Get(const char* key, const Bounds& bounds, double* value) {
+    if (is_there_) map_.GetNumber(key, Need::kOptional, bounds, value);
+  }
+  void Get(const char* key, bool* value) {
+    if (is_there_) map_.GetBool(key, Need::kOptional, value);
+  }
+  void Get(const char* key, std::int64_t low, std::int64_t high, int* value) {
+    std::int64_t number = 0;
+    if (is_there_ && map_.GetInteger(key, Need::kOptional, low, high, &number)) {
+      *value = static_cast<int>(number);
+    }
+  }
+  void Get(const char* key, Utime* value) {
+    if (is_there_) map_.GetInteger(key, Need::kOptional, 0, 4'000'000'000'000'000, value);
+  }
+  void GetVec3(const char* key, double low, double high, const char* fix, Vec3* value) {
+    Vec3 read;
+    if (!is_there_ || !map_.GetVec3(key, Need::kOptional, &read)) return;
+    if ((read.array() < low).any() || (read.array() > high).any()) {
+      map_.AddProblem(key, "is out of range", fix);
+    } else {
+      *value = read;
+    }
+  }
+  // Which of two words.
+  void GetWord(const char* key, const char* first, const char* second, bool* is_second) {
+    std::string word;
+    if (!is_there_ || !map_.GetText(key, Need::kOptional, &word)) return;
+    if (word != first && word != second) {
+      map_.AddProblem(key, Quoted(word) + " is not one of its values",
+                      std::string("give ") + first + " or " + second);
+    } else {
+      *is_second = word == second;
+    }
+  }
+
+  YamlMap& map() { return map_; }
+  bool is_there() const { return is_there_; }
+
+ private:
+  // An absent section, or one that is no mapping (a problem already), reads as an empty one.
+  Section(const YAML::Node& node, const std::string& path, YamlMap* parent)
+      : map_(node ? node : YAML::Node(YAML::NodeType::Map), path, parent->file(),
+             parent->problems()),
+        is_there_(node.IsDefined()) {}
+
+  YamlMap map_;
+  bool is_there_;
+};
+
+void ReadImages(YamlMap* root, ImageOptions* images) {
+  Section s(root, "images");
+  s.Get("rate_hz", kRate, &images->rate_hz);
+  bool is_jpeg = images->format == ImageOptions::Format::kJpeg;
+  s.GetWord("format", "png", "jpg", &is_jpeg);
+  images->format = is_jpeg ? ImageOptions::Format::kJpeg : ImageOptions::Format::kPng;
+  s.Get("jpeg_quality", 1, 100, &images->jpeg_quality);
+  s.Get("max_images", 0, 1'000'000, &images->max_images);
+  s.Get("start_utime", &images->start_utime);
+}
+
+void ReadTrajectory(YamlMap* root, LawnmowerOptions* t) {
+  Section s(root, "trajectory");
+  s.Get("legs", 1, 1000, &t->legs);
+  s.Get("leg_length_m", kMetres, &t->leg_length_m);
+  s.Get("leg_spacing_m", kMetres, &t->leg_spacing_m);
+  s.Get("altitude_m", {0.05, 100.0, "give metres, from 0.05 to 100"}, &t->altitude_m);
+  s.Get("heading_deg", kDegrees, &t->heading_deg);
+  s.Get("speed_mps", {1e-3, 20.0, "give metres per second, from 0.001 to 20"}, &t->speed_mps);
+  bool strafes = t->turns == LawnmowerOptions::Turns::kStrafe;
+  s.GetWord("turns", "rotate", "strafe", &strafes);
+  t->turns = strafes ? LawnmowerOptions::Turns::kStrafe : LawnmowerOptions::Turns::kRotate;
+  s.Get("turn_radius_m", kMetres, &t->turn_radius_m);
+  s.Get("max_turn_rate_dps", {0.1, 360.0, "give degrees per second, from 0.1 to 360"},
+        &t->max_turn_rate_dps);
+  s.Get("max_acceleration_mps2", {1e-3, 100.0, "give m/s^2, from 0.001 to 100"},
+        &t->max_acceleration_mps2);
+  s.Get("roll_deg", kSway, &t->roll_deg);
+  s.Get("pitch_deg", kSway, &t->pitch_deg);
+  s.Get("yaw_deg", kSway, &t->yaw_deg);
+  s.Get("sway_m", kLength, &t->sway_m);
+  s.Get("heave_m", kLength, &t->heave_m);
+  s.Get("sway_period_s", kSeconds, &t->sway_period_s);
+}
+
+void ReadSeafloor(YamlMap* root, SeafloorOptions* f) {
+  Section s(root, "seafloor");
+  s.Get("depth_m", kDepth, &f->depth_m);
+  s.Get("relief_m", kLength, &f->relief_m);
+  s.Get("relief_length_m", kMetres, &f->relief_length_m);
+  s.Get("ripple_height_m", kLength, &f->ripple_height_m);
+  s.Get("ripple_length_m", kMetres, &f->ripple_length_m);
+  s.Get("stones_per_m2", {0.0, 1000.0, "give stones per square metre, from 0 to 1000"},
+        &f->stones_per_m2);
+  s.Get("stone_min_radius_m", kMetres, &f->stone_min_radius_m);
+  s.Get("stone_max_radius_m", kMetres, &f->stone_max_radius_m);
+  s.Get("poor_fraction", kShare, &f->poor_fraction);
+  s.Get("repeat_fraction", kShare, &f->repeat_fraction);
+  s.Get("repeat_length_m", kMetres, &f->repeat_length_m);
+  s.Get("cell_m", kMetres, &f->cell_m);
+  if (s.is_there() && f->stone_max_radius_m < f->stone_min_radius_m) {
+    s.map().AddProblem("stone_max_radius_m", "is less than stone_min_radius_m", "make it larger");
+  }
+}
+
+void ReadStrobes(Section* water, std::vector<Strobe>* strobes) {
+  const YAML::Node list = water->map().GetList("strobes", Need::kOptional);
+  if (!list) return;
+  strobes->clear();
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    YamlMap entry(list[i], water->map().PathOf("strobes") + "[" + std::to_string(i) + "]",
+                  water->map().file(), water->map().problems());
+    Strobe strobe;
+    entry.GetVec3("position_m", Need::kRequired, &strobe.position_in_camera);
+    entry.GetNumber("beam_angle_deg", Need::kOptional, {1.0, 90.0, "give degrees from 1 to 90"},
+                    &strobe.beam_angle_deg);
+    entry.Finish();
+    strobes->push_back(strobe);
+  }
+}
+
+void ReadWater(YamlMap* root, WaterOptions* w) {
+  Section s(root, "water");
+  constexpr const char* kPerMetre = "give three values per metre, from 0 to 100: red, green, blue";
+  constexpr const char* kLevels = "give three levels from 0 to 1: red, green, blue";
+  s.Get("attenuation", &w->attenuation);
+  s.GetVec3("attenuation_per_m", 0.0, 100.0, kPerMetre, &w->attenuation_per_m);
+  s.Get("backscatter", &w->backscatter);
+  s.GetVec3("backscatter_level", 0.0, 1.0, kLevels, &w->backscatter_level);
+  s.GetVec3("backscatter_per_m", 0.0, 100.0, kPerMetre, &w->backscatter_per_m);
+  s.Get("strobe", &w->strobe);
+  if (s.is_there()) ReadStrobes(&s, &w->strobes);
+  s.Get("ambient", {0.0, 10.0, "give a level from 0 to 10, 1 being the strobes'"}, &w->ambient);
+  s.Get("white_balance", kShare, &w->white_balance);
+}
+
+void ReadSensor(YamlMap* root, SensorOptions* o) {
+  Section s(root, "sensor");
+  s.Get("samples_per_pixel", 1, 64, &o->samples_per_pixel);
+  const int side = static_cast<int>(std::lround(std::sqrt(o->samples_per_pixel)));
+  if (side * side != o->samples_per_pixel) {
+    s.map().AddProblem("samples_per_pixel",
+                       "is not a square number: " + std::to_string(o->samples_per_pixel),
+                       "give 1, 4, 9, 16, 25, 36, 49 or 64");
+  }
+  s.Get("noise", &o->noise);
+  s.Get("full_well_electrons", {10.0, 1e7, "give electrons, from 10 to 10000000"},
+        &o->full_well_electrons);
+  s.Get("read_noise_electrons", kElectrons, &o->read_noise_electrons);
+  s.Get("vignetting", &o->vignetting);
+  s.Get("vignetting_at_corner", kShare, &o->vignetting_at_corner);
+  s.Get("gamma", &o->gamma);
+  s.Get("grey", {0.001, 1.0, "give a level from 0.001 to 1"}, &o->grey);
+}
+
+void ReadTiming(Section* s, SensorTiming* timing) {
+  s->Get("enabled", &timing->enabled);
+  s->Get("rate_hz", kRate, &timing->rate_hz);
+  s->Get("dropout", kShare, &timing->dropout);
+  s->Get("delay_s", kDelay, &timing->delay_s);
+}
+
+void ReadNavigation(YamlMap* root, NavSensorOptions* n) {
+  Section s(root, "navigation");
+  if (!s.is_there()) return;
+  {
+    Section a(&s.map(), "attitude");
+    ReadTiming(&a, &n->attitude.timing);
+    a.Get("roll_pitch_sigma_deg", kSigma, &n->attitude.roll_pitch_sigma_deg);
+    a.Get("heading_sigma_deg", kSigma, &n->attitude.heading_sigma_deg);
+    a.Get("heading_bias_sigma_deg", kSigma, &n->attitude.heading_bias_sigma_deg);
+    a.Get("heading_bias_time_s", kSeconds, &n->attitude.heading_bias_time_s);
+  }
+  {
+    Section d(&s.map(), "dvl");
+    ReadTiming(&d, &n->dvl.timing);
+    d.Get("sigma_mps", kSigma, &n->dvl.sigma_mps);
+    d.Get("scale_error", {-0.5, 0.5, "give a share from -0.5 to 0.5"}, &n->dvl.scale_error);
+    d.Get("altitude_sigma_m", kSigma, &n->dvl.altitude_sigma_m);
+  }
+  {
+    Section d(&s.map(), "depth");
+    ReadTiming(&d, &n->depth.timing);
+    d.Get("sigma_m", kSigma, &n->depth.sigma_m);
+    d.Get("bias_m", {-1e3, 1e3, "give metres"}, &n->depth.bias_m);
+  }
+  {
+    Section a(&s.map(), "altimeter");
+    ReadTiming(&a, &n->altimeter.timing);
+    a.Get("sigma_m", kSigma, &n->altimeter.sigma_m);
+  }
+  Section p(&s.map(), "position");
+  ReadTiming(&p, &n->position.timing);
+  p.Get("horizontal_sigma_m", kSigma, &n->position.horizontal_sigma_m);
+  p.Get("vertical_sigma_m", kSigma, &n->position.vertical_sigma_m);
+}
+
+void ReadRigOf(YamlMap* root, const YAML::Node& document, const std::filesystem::path& path,
+               Rig* rig) {
+  const YAML::Node node = document["rig"];
+  std::vector<Diagnostic> problems;
+  if (node && node.IsScalar()) {
+    std::string file;
+    if (!root->GetText("rig", Need::kRequired, &file)) return;
+    if (auto read = ReadRig(path.parent_path() / file, &problems)) *rig = *read;
+  } else {
+    if (!root->GetMap("rig", Need::kRequired)) return;
+    YAML::Emitter text;
+    text << node;
+    if (auto read = ParseRig(text.c_str(), root->file(), &problems)) *rig = *read;
+    for (Diagnostic& problem : problems) {
+      problem.field = problem.field.empty() ? "rig" : "rig." + problem.field;
+      problem.line = 0;  // of the section alone, not of the file
+    }
+  }
+  root->problems()->insert(root->problems()->end(), problems.begin(), problems.end());
+}
+
+void ReadAll(const YAML::Node& document, const std::filesystem::path& path,
+             std::vector<Diagnostic>* problems, Scenario* scenario) {
+  YamlMap root(document, "", path.string(), problems);
+  std::int64_t seed = 1;
+  if (root.GetInteger("seed", Need::kOptional, 0, INT64_MAX, &seed)) {
+    scenario->seed = static_cast<std::uint64_t>(seed);
+  }
+  if (document.IsMap()) ReadRigOf(&root, document, path, &scenario->rig);
+  ReadImages(&root, &scenario->images);
+  ReadTrajectory(&root, &scenario->trajectory);
+  ReadSeafloor(&root, &scenario->seafloor);
+  ReadWater(&root, &scenario->water);
+  ReadSensor(&root, &scenario->sensor);
+  ReadNavigation(&root, &scenario->navigation);
+  {
+    Section s(&root, "ground_truth");
+    s.Get("mesh", &scenario->ground_truth.mesh);
+    s.Get("range", &scenario->ground_truth.range);
+  }
+  root.Finish();
+  if (scenario->trajectory.altitude_m >= scenario->seafloor.depth_m) {
+    root.AddProblem("trajectory", "altitude_m would lift the vehicle out of the water",
+                    "make it less than seafloor.depth_m");
+  }
+}
+
+}  // namespace
+
+IoExpected<Scenario> ParseScenario(const std::string& text, const std::filesystem::path& path,
+                                   std::vector<Diagnostic>* problems) {
+  std::vector<Diagnostic> found;
+  Scenario scenario;
+  if (const auto document = ParseYaml(text, path.string()); !document) {
+    found.push_back(document.error());
+  } else {
+    try {
+      ReadAll(*document, path, &found, &scenario);
+    } catch (const YAML::Exception& error) {
+      found.push_back({Errc::kCorrupt, path.string(), "", "cannot be read: " + error.msg,
+                       "repair the line", error.mark.line + 1});
+    }
+  }
+  if (problems != nullptr) *problems = found;
+  if (!found.empty()) return Fail(found.front());
+  scenario.trajectory.seed = scenario.seed;
+  scenario.seafloor.seed = scenario.seed;
+  scenario.sensor.seed = scenario.seed;
+  scenario.navigation.seed = scenario.seed;
+  scenario.navigation.dvl.dvl_in_body_m = scenario.rig.sensors.dvl_in_body_m;
+  scenario.rig.world.frame = WorldFrame::kNed;
+  return scenario;
+}
+
+IoExpected<Scenario> ReadScenario(const std::filesystem::path& path,
+                                  std::vector<Diagnostic>* problems) {
+  const auto text = ReadWholeFile(path, kMaxScenarioBytes);
+  if (!text) return Fail(text.error());
+  return ParseScenario(*text, path, problems);
+}
+
+}  // namespace rsfm

@@ -1,0 +1,342 @@
+#include "tools/simulator/simulate.h"
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <mutex>
+#include <opencv2/core/mat.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "rsfm/io/atomic_output.h"
+#include "rsfm/io/mission.h"
+#include "tools/simulator/ground_truth.h"
+#include "tools/simulator/parallel.h"
+
+namespace rsfm {
+namespace {
+
+constexpr double kMaxAreaM2 = 20000.0;
+constexpr double kMarginM = 0.6;
+constexpr double kNavLeadS = 2.0;
+constexpr double kMinClearanceM = 0.05;
+
+struct Shot {
+  std::string name;
+  double time_s = 0.0;
+  Utime utime = 0;
+  Rigid3 world_from_camera;
+};
+
+class MissionBuilder {
+ public:
+  MissionBuilder(const Scenario& scenario, const SimulationHooks& hooks)
+      : scenario_(scenario), hooks_(hooks) {}
+
+  IoExpected<SimulationReport> Run(const std::filesystem::path& out) {
+    const auto camera = AnyCamera::Create(scenario_.rig.camera);
+    if (!camera) return Refuse("rig.camera", camera.error().where, "correct the rig");
+    PlanShots();
+    if (auto status = PlanArea(*camera); !status) return Fail(status.error());
+    const auto scene = MakeSeafloor(scenario_.seafloor, hooks_.num_threads);
+    const auto caster = RayCaster::Create(scene->meshes());
+    if (caster == nullptr) {
+      return Fail({Errc::kUnsupported, "", "Embree", "cannot be started on this machine", ""});
+    }
+    if (auto status = CheckClearance(*scene, *caster); !status) return Fail(status.error());
+    const Water water(scenario_.water, scenario_.trajectory.altitude_m, scenario_.sensor.grey);
+    const Renderer renderer(*camera, *scene, *caster, water, scenario_.sensor, hooks_.num_threads);
+    if (renderer.CoveredFraction() < 0.01) {
+      return Refuse("rig", "hardly any pixel has a ray through the port into the water",
+                    "check the lens parameters and the port");
+    }
+    auto folder = AtomicFolder::Create(out, Existing::kReplace);
+    if (!folder) return Fail(folder.error());
+    if (auto status = WriteNavigation(folder->aside(), *scene, *caster); !status) {
+      return Fail(status.error());
+    }
+    if (auto status = WriteImages(folder->aside(), renderer); !status) return Fail(status.error());
+    if (report_.interrupted) return report_;
+    if (auto status = WriteTruth(folder->aside(), *scene); !status) return Fail(status.error());
+    if (auto status = folder->Commit(); !status) return Fail(status.error());
+    return report_;
+  }
+
+ private:
+  static tl::unexpected<Diagnostic> Refuse(std::string field, std::string problem,
+                                           std::string fix) {
+    return Fail({Errc::kInvalidArgument, "", std::move(field), std::move(problem), std::move(fix)});
+  }
+
+  void PlanShots() {
+    trajectory_ = MakeLawnmower(scenario_.trajectory, scenario_.seafloor.depth_m);
+    const char* extension = scenario_.images.format == ImageOptions::Format::kPng ? "png" : "jpg";
+    const double period = 1.0 / scenario_.images.rate_hz;
+    for (int i = 0; i * period <= trajectory_->duration_s(); ++i) {
+      if (scenario_.images.max_images > 0 && i >= scenario_.images.max_images) break;
+      Shot shot;
+      char name[32];
+      std::snprintf(name, sizeof name, "%06d.%s", i, extension);
+      shot.name = name;
+      shot.time_s = i * period;
+      shot.utime = scenario_.images.start_utime + UsFromSeconds(shot.time_s);
+      shot.world_from_camera =
+          trajectory_->WorldFromBody(shot.time_s) * scenario_.rig.body_from_camera;
+      if (!shots_.empty()) {
+        report_.path_length_m +=
+            (shot.world_from_camera.translation - shots_.back().world_from_camera.translation)
+                .norm();
+      }
+      shots_.push_back(shot);
+    }
+    report_.num_images = static_cast<int>(shots_.size());
+  }
+
+  // The seafloor under all that any image can see, from the rays of the image's border.
+  IoStatus PlanArea(const AnyCamera& camera) {
+    constexpr int kSteps = 8;
+    std::vector<Ray3> border;
+    for (int i = 0; i <= kSteps; ++i) {
+      for (int j = 0; j <= kSteps; ++j) {
+        if (i % kSteps != 0 && j % kSteps != 0) continue;
+        Ray3 ray;
+        const Vec2 pixel(camera.width() * i / double{kSteps}, camera.height() * j / double{kSteps});
+        if (camera.Backproject(pixel, &ray) == Projection::kOk) border.push_back(ray);
+      }
+    }
+    border.emplace_back();  // the camera itself
+    SeafloorOptions& floor = scenario_.seafloor;
+    const double lowest = floor.depth_m + 1.5 * floor.relief_m + floor.ripple_height_m;
+    floor.min_ne_m = Vec2::Constant(1e9);
+    floor.max_ne_m = Vec2::Constant(-1e9);
+    for (const Shot& shot : shots_) {
+      for (const Ray3& ray : border) {
+        const Vec3 origin = shot.world_from_camera * ray.origin;
+        const Vec3 direction = shot.world_from_camera.rotation * ray.direction;
+        // What looks along the floor or up sees no farther than ten altitudes.
+        const double reach = 10.0 * scenario_.trajectory.altitude_m;
+        const double down = (lowest - origin.z()) / std::max(direction.z(), 1e-3);
+        const Vec2 place = (origin + std::min(std::abs(down), reach) * direction).head<2>();
+        floor.min_ne_m = floor.min_ne_m.cwiseMin(place);
+        floor.max_ne_m = floor.max_ne_m.cwiseMax(place);
+      }
+    }
+    floor.min_ne_m.array() -= kMarginM;
+    floor.max_ne_m.array() += kMarginM;
+    const Vec2 size = floor.max_ne_m - floor.min_ne_m;
+    if (size.x() * size.y() <= kMaxAreaM2) return {};
+    char problem[128];
+    std::snprintf(problem, sizeof problem, "the images would cover %.0f m x %.0f m of seafloor",
+                  size.x(), size.y());
+    return Refuse("trajectory", problem, "shorten the legs, or set images.max_images");
+  }
+
+  static double AltitudeAt(const Scene& scene, const RayCaster& caster, const Vec3& in_world) {
+    const Vec3 in_scene = in_world - scene.WorldOffset();
+    const auto hit = caster.Trace(in_scene.cast<float>(), Vec3f::UnitZ());
+    return hit ? static_cast<double>(hit->range_m) : -1.0;
+  }
+
+  IoStatus CheckClearance(const Scene& scene, const RayCaster& caster) const {
+    for (const Shot& shot : shots_) {
+      const double altitude = AltitudeAt(scene, caster, shot.world_from_camera.translation);
+      if (altitude >= kMinClearanceM) continue;
+      return Refuse("trajectory.altitude_m",
+                    "the camera would touch the seafloor in image " + shot.name,
+                    "fly higher, or lower seafloor.relief_m and stone_max_radius_m");
+    }
+    return {};
+  }
+
+  IoStatus WriteNavigation(const std::filesystem::path& folder, const Scene& scene,
+                           const RayCaster& caster);
+  template <class Message>
+  IoStatus Log(InputType type, const char* fallback, const Message& message,
+               MissionWriter* writer) {
+    std::string channel = fallback;
+    for (const BusInput& input : scenario_.rig.bus.inputs) {
+      if (input.type == type) channel = input.channel;
+    }
+    return writer->Log(channel, message.utime, message);
+  }
+  IoStatus LogMeasurement(const NavMeasurement& measurement, MissionWriter* writer);
+  IoStatus WriteImages(const std::filesystem::path& folder, const Renderer& renderer);
+  IoStatus WriteImage(const std::filesystem::path& folder, const Renderer& renderer, int index);
+  IoStatus WriteTruth(const std::filesystem::path& folder, const Scene& scene);
+
+  Scenario scenario_;
+  const SimulationHooks& hooks_;
+  std::unique_ptr<Trajectory> trajectory_;
+  std::vector<Shot> shots_;
+  SimulationReport report_;
+};
+
+void SetDiagonal(const Vec3& sigma, double* covariance) {
+  for (int i = 0; i < 3; ++i) covariance[4 * i] = sigma[i] * sigma[i];
+}
+
+IoStatus MissionBuilder::LogMeasurement(const NavMeasurement& m, MissionWriter* writer) {
+  const NavSample& s = m.sample;
+  switch (m.source) {
+    case NavSource::kAttitude: {
+      ahrs_t message{};
+      message.utime = s.utime;
+      message.valid = ahrs_t::VALID_ATTITUDE;
+      message.valid |= ahrs_t::VALID_ROTATION_RATE;
+      const Quat& q = s.ned_from_body;
+      const double wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
+      std::copy(wxyz, wxyz + 4, message.ned_from_body_q);
+      SetDiagonal(s.sigma_attitude_rad, message.attitude_cov_rad2);
+      for (int i = 0; i < 3; ++i) message.rotation_rate_radps[i] = m.rate_radps[i];
+      return Log(InputType::kAhrs, "RSFM_AHRS", message, writer);
+    }
+    case NavSource::kDvl: {
+      dvl_t message{};
+      message.utime = s.utime;
+      message.valid = dvl_t::VALID_VELOCITY;
+      for (int i = 0; i < 3; ++i) message.velocity_body_mps[i] = m.velocity_at_dvl_mps[i];
+      SetDiagonal(s.sigma_velocity_mps, message.velocity_cov_m2ps2);
+      if (s.Has(NavField::kAltitude)) {
+        message.valid |= dvl_t::VALID_ALTITUDE;
+        message.altitude_m = s.altitude_m;
+        message.altitude_sigma_m = s.sigma_altitude_m;
+      }
+      return Log(InputType::kDvl, "RSFM_DVL", message, writer);
+    }
+    case NavSource::kDepth: {
+      depth_t message{};
+      message.utime = s.utime;
+      message.valid = 1;
+      message.depth_m = s.depth_m;
+      message.sigma_m = s.sigma_depth_m;
+      return Log(InputType::kDepth, "RSFM_DEPTH", message, writer);
+    }
+    case NavSource::kAltimeter:
+    case NavSource::kPosition:
+      break;
+  }
+  // In the local frame already: a vehicle's own solution, as it would put it on the bus.
+  nav_t message{};
+  message.utime = s.utime;
+  message.ned_from_body_q[0] = 1.0;
+  if (s.Has(NavField::kPosition)) {
+    message.valid |= nav_t::VALID_POSITION;
+    for (int i = 0; i < 3; ++i) message.position_ned_m[i] = s.position_ned_m[i];
+    SetDiagonal(s.sigma_position_m, message.position_cov_m2);
+  }
+  if (s.Has(NavField::kAltitude)) {
+    message.valid |= nav_t::VALID_ALTITUDE;
+    message.altitude_m = s.altitude_m;
+    message.altitude_sigma_m = s.sigma_altitude_m;
+  }
+  return Log(InputType::kNav, "RSFM_NAV", message, writer);
+}
+
+IoStatus MissionBuilder::WriteNavigation(const std::filesystem::path& folder, const Scene& scene,
+                                         const RayCaster& caster) {
+  const auto altitude_at = [&](const Vec3& place) { return AltitudeAt(scene, caster, place); };
+  const std::vector<NavMeasurement> measurements = SimulateNavigation(
+      *trajectory_, scenario_.images.start_utime, kNavLeadS, altitude_at, scenario_.navigation);
+  EventLogWriterOptions options;
+  options.sync_to_disk = false;  // the folder is forced to the disk as a whole
+  auto writer = MissionWriter::Create(folder, scenario_.rig, options);
+  if (!writer) return Fail(writer.error());
+  for (const NavMeasurement& measurement : measurements) {
+    if (auto status = LogMeasurement(measurement, &*writer); !status) return status;
+  }
+  std::vector<ImageTime> times;
+  for (const Shot& shot : shots_) times.push_back({shot.name, shot.utime});
+  if (auto status = writer->WriteImageTimes(times); !status) return status;
+  if (auto status = writer->Close(); !status) return status;
+  const std::vector<NavSample> samples = MergeSamples(measurements);
+  report_.num_nav_samples = static_cast<int>(samples.size());
+  if (samples.empty()) return {};  // all sensors are off: a mission without navigation
+  return WriteNavTable(samples, folder / "nav.csv");
+}
+
+IoStatus MissionBuilder::WriteImage(const std::filesystem::path& folder, const Renderer& renderer,
+                                    int index) {
+  const Shot& shot = shots_[index];
+  RenderedImage image;
+  renderer.Render(shot.world_from_camera, static_cast<std::uint32_t>(index), &image);
+  const cv::Mat pixels(image.height, image.width, CV_8UC3, image.bgr.data());
+  std::vector<int> parameters = {cv::IMWRITE_JPEG_QUALITY, scenario_.images.jpeg_quality};
+  std::string extension = ".jpg";
+  if (scenario_.images.format == ImageOptions::Format::kPng) {
+    parameters = {cv::IMWRITE_PNG_COMPRESSION, 1};
+    extension = ".png";
+  }
+  std::vector<unsigned char> bytes;
+  const std::filesystem::path path = folder / kImagesFolder / shot.name;
+  if (!cv::imencode(extension, pixels, bytes, parameters)) {
+    return Fail({Errc::kIo, path.string(), "", "cannot be encoded", ""});
+  }
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  if (auto status = WriteFileAtomically(path, text); !status) return status;
+  if (!scenario_.ground_truth.range) return {};
+  std::vector<float> range_m;
+  renderer.RenderRange(shot.world_from_camera, &range_m);
+  const auto name = std::filesystem::path(shot.name).replace_extension(".pfm");
+  return WritePfm(image.width, image.height, range_m, folder / kGroundTruthFolder / "range" / name);
+}
+
+IoStatus MissionBuilder::WriteImages(const std::filesystem::path& folder,
+                                     const Renderer& renderer) {
+  const auto start = std::chrono::steady_clock::now();
+  std::mutex mutex;
+  IoStatus result;
+  int done = 0;
+  std::atomic<bool> stop = false;
+  const int total = static_cast<int>(shots_.size());
+  ParallelFor(total, hooks_.num_threads, [&](int i) {
+    if (stop) return;
+    if (hooks_.is_interrupted && hooks_.is_interrupted()) {
+      stop = true;
+      const std::scoped_lock lock(mutex);
+      report_.interrupted = true;
+      return;
+    }
+    const IoStatus status = WriteImage(folder, renderer, i);
+    const std::scoped_lock lock(mutex);
+    if (!status) {
+      stop = true;
+      if (result) result = status;
+      return;
+    }
+    ++done;
+    if (hooks_.progress) hooks_.progress(done, total);
+  });
+  report_.rendering_s =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return result;
+}
+
+IoStatus MissionBuilder::WriteTruth(const std::filesystem::path& folder, const Scene& scene) {
+  const std::filesystem::path truth = folder / kGroundTruthFolder;
+  Model model;
+  model.rig = scenario_.rig;
+  model.cameras.push_back({1, scenario_.rig.camera});
+  for (const Shot& shot : shots_) {
+    ModelImage& image = model.images.emplace_back();
+    image.name = shot.name;
+    image.utime = shot.utime;
+    image.camera_from_world = shot.world_from_camera.Inverse();
+  }
+  std::error_code error;
+  std::filesystem::create_directories(truth, error);
+  if (auto status = WriteTrajectoryTum(model.images, truth / "trajectory.tum"); !status) {
+    return status;
+  }
+  if (auto status = WriteModelFiles(model, truth); !status) return status;
+  if (!scenario_.ground_truth.mesh) return {};
+  return WriteMeshPly(scene, truth / "mesh.ply");
+}
+
+}  // namespace
+
+IoExpected<SimulationReport> Simulate(const Scenario& scenario, const std::filesystem::path& out,
+                                      const SimulationHooks& hooks) {
+  return MissionBuilder(scenario, hooks).Run(out);
+}
+
+}  // namespace rsfm
