@@ -10,6 +10,7 @@
 #include "tools/common/progress.h"
 #include "tools/rsfm_tool/verb_backproject.h"
 #include "tools/rsfm_tool/verb_project.h"
+#include "tools/rsfm_tool/verb_simulate.h"
 
 namespace rsfm {
 namespace {
@@ -49,6 +50,7 @@ int Main(int argc, char** argv) {
   Verbs verbs(&app);
   verbs.Add(DeclareBackproject, RunBackproject);
   verbs.Add(DeclareProject, RunProject);
+  verbs.Add(DeclareSimulate, RunSimulate);
 
   try {
     app.parse(argc, argv);

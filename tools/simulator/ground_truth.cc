@@ -56,23 +56,6 @@ IoStatus WriteMeshPly(const Scene& scene, const std::filesystem::path& path) {
   return file->Commit();
 }
 
-IoStatus WriteTrajectoryTum(const std::vector<ModelImage>& images,
-                            const std::filesystem::path& path) {
-  std::string text = "# seconds x y z qx qy qz qw of world_from_camera, world: local NED\n";
-  for (const ModelImage& image : images) {
-    const Rigid3 world_from_camera = image.camera_from_world.Inverse();
-    const Vec3& t = world_from_camera.translation;
-    const Quat& q = world_from_camera.rotation;
-    char line[256];
-    std::snprintf(line, sizeof line, "%lld.%06lld %.9f %.9f %.9f %.12f %.12f %.12f %.12f\n",
-                  static_cast<long long>(image.utime / 1'000'000),
-                  static_cast<long long>(image.utime % 1'000'000), t.x(), t.y(), t.z(), q.x(),
-                  q.y(), q.z(), q.w());
-    text += line;
-  }
-  return WriteFileAtomically(path, text);
-}
-
 IoStatus WritePfm(int width, int height, const std::vector<float>& values,
                   const std::filesystem::path& path) {
   std::string bytes = "Pf\n" + std::to_string(width) + " " + std::to_string(height) + "\n-1.0\n";

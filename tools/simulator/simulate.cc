@@ -10,6 +10,7 @@
 
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/mission.h"
+#include "rsfm/io/trajectory.h"
 #include "tools/simulator/ground_truth.h"
 #include "tools/simulator/parallel.h"
 
@@ -324,9 +325,8 @@ IoStatus MissionBuilder::WriteTruth(const std::filesystem::path& folder, const S
   }
   std::error_code error;
   std::filesystem::create_directories(truth, error);
-  if (auto status = WriteTrajectoryTum(model.images, truth / "trajectory.tum"); !status) {
-    return status;
-  }
+  const std::string tum = FormatTum(TrajectoryOf(model));
+  if (auto status = WriteFileAtomically(truth / "trajectory.tum", tum); !status) return status;
   if (auto status = WriteModelFiles(model, truth); !status) return status;
   if (!scenario_.ground_truth.mesh) return {};
   return WriteMeshPly(scene, truth / "mesh.ply");
