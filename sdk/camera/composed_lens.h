@@ -57,11 +57,14 @@ class ComposedLens {
                                &jacobian->d_pixel_d_params);
   }
 
-  // Newton with the analytic Jacobian, kept inside the domain; at most 2 kMaxUnprojectSteps steps.
+  // In closed form where the distortion has an inverse; else by Newton with the analytic Jacobian,
+  // kept inside the domain, in at most 2 kMaxUnprojectSteps steps.
   LensStatus Unproject(const Vec2& pixel, Vec3* direction) const noexcept {
     const Vec2 q((pixel.x() - cx()) / fx(), (pixel.y() - cy()) / fy());
     Vec2 p = q;
-    if constexpr (Distortion::kNumParams > 0) {
+    if constexpr (requires { Distortion::Undistort(distortion(), q, &p); }) {
+      if (!Distortion::Undistort(distortion(), q, &p)) return LensStatus::kOutsideDomain;
+    } else if constexpr (Distortion::kNumParams > 0) {
       if (!Undistort(q, &p)) return LensStatus::kOutsideDomain;
     }
     if (!(p.squaredNorm() <= max_radius_squared_)) return LensStatus::kOutsideDomain;

@@ -56,6 +56,18 @@ struct FovDistortion {
     if (d_q_d_k != nullptr) d_q_d_k->col(0) = d_omega * p;
   }
 
+  static bool Undistort(const double* k, const Vec2& q, Vec2* p) {
+    const double omega = k[0], r = q.norm();
+    if (omega * omega < 1e-8) {  // the series of Factor, inverted to its order
+      *p = q * (1.0 - omega * omega * (1.0 / 12.0 - r * r / 3.0));
+      return true;
+    }
+    const double angle = r * omega, m = 2.0 * std::tan(0.5 * omega);
+    if (!(std::abs(angle) < 0.5 * std::numbers::pi)) return false;
+    *p = q * (r < 1e-8 ? omega / m : std::tan(angle) / (m * r));
+    return true;
+  }
+
   // Grows for ever, for an angle of view that exists.
   static double MaxRadius(const double* k, double upper) {
     return std::abs(k[0]) < std::numbers::pi ? upper : 0.0;

@@ -3,11 +3,14 @@
 #pragma once
 
 #include "rsfm/camera/composed_lens.h"
+#include "rsfm/camera/division_distortion.h"
 #include "rsfm/camera/equidistant_base.h"
+#include "rsfm/camera/eucm_distortion.h"
 #include "rsfm/camera/fov_distortion.h"
 #include "rsfm/camera/no_distortion.h"
 #include "rsfm/camera/perspective_base.h"
 #include "rsfm/camera/polynomial_distortion.h"
+#include "rsfm/camera/rad_tan_thin_prism_distortion.h"
 #include "rsfm/camera/rational_distortion.h"
 
 namespace rsfm {
@@ -22,6 +25,13 @@ using BrownConrady = PolynomialDistortion<PolynomialLayout{
     .num_params = 4, .num_radial = 2, .radial = {0, 1}, .tangential = 2}>;
 using ThinPrism = PolynomialDistortion<PolynomialLayout{
     .num_params = 8, .num_radial = 4, .radial = {0, 1, 4, 5}, .tangential = 2, .prism = 6}>;
+// Metashape's own order: its p1 is OpenCV's p2.   [Agisoft Metashape Professional manual, appendix
+// D, fisheye cameras]
+using MetashapeDistortion = PolynomialDistortion<PolynomialLayout{.num_params = 6,
+                                                                  .num_radial = 4,
+                                                                  .radial = {0, 1, 2, 3},
+                                                                  .tangential = 4,
+                                                                  .tangential_swapped = true}>;
 
 using SimplePinhole = ComposedLens<LensModel::kSimplePinhole, PerspectiveBase, NoDistortion, 1>;
 using Pinhole = ComposedLens<LensModel::kPinhole, PerspectiveBase, NoDistortion, 2>;
@@ -35,12 +45,23 @@ using SimpleRadialFisheye =
     ComposedLens<LensModel::kSimpleRadialFisheye, EquidistantBase, Radial1, 1>;
 using RadialFisheye = ComposedLens<LensModel::kRadialFisheye, EquidistantBase, Radial2, 1>;
 using ThinPrismFisheye = ComposedLens<LensModel::kThinPrismFisheye, EquidistantBase, ThinPrism, 2>;
+using RadTanThinPrismFisheye =
+    ComposedLens<LensModel::kRadTanThinPrismFisheye, EquidistantBase, RadTanThinPrismDistortion, 2>;
+using SimpleDivision =
+    ComposedLens<LensModel::kSimpleDivision, PerspectiveBase, DivisionDistortion, 1>;
+using Division = ComposedLens<LensModel::kDivision, PerspectiveBase, DivisionDistortion, 2>;
+using SimpleFisheye = ComposedLens<LensModel::kSimpleFisheye, EquidistantBase, NoDistortion, 1>;
+using Fisheye = ComposedLens<LensModel::kFisheye, EquidistantBase, NoDistortion, 2>;
+using Eucm = ComposedLens<LensModel::kEucm, PerspectiveBase, EucmDistortion, 2>;
+using MetashapeFisheye =
+    ComposedLens<LensModel::kMetashapeFisheye, EquidistantBase, MetashapeDistortion, 2>;
 
 template <class... Lenses>
 struct LensTypeList {};
 
 using AllLenses =
     LensTypeList<SimplePinhole, Pinhole, SimpleRadial, Radial, OpenCV, OpenCVFisheye, FullOpenCV,
-                 Fov, SimpleRadialFisheye, RadialFisheye, ThinPrismFisheye>;
+                 Fov, SimpleRadialFisheye, RadialFisheye, ThinPrismFisheye, RadTanThinPrismFisheye,
+                 SimpleDivision, Division, SimpleFisheye, Fisheye, Eucm, MetashapeFisheye>;
 
 }  // namespace rsfm

@@ -25,6 +25,14 @@ constexpr std::array kModels = {
     ModelFacts{LensModel::kRadialFisheye, "RADIAL_FISHEYE", "f cx cy k1 k2"},
     ModelFacts{LensModel::kThinPrismFisheye, "THIN_PRISM_FISHEYE",
                "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1"},
+    ModelFacts{LensModel::kRadTanThinPrismFisheye, "RAD_TAN_THIN_PRISM_FISHEYE",
+               "fx fy cx cy k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3"},
+    ModelFacts{LensModel::kSimpleDivision, "SIMPLE_DIVISION", "f cx cy k"},
+    ModelFacts{LensModel::kDivision, "DIVISION", "fx fy cx cy k"},
+    ModelFacts{LensModel::kSimpleFisheye, "SIMPLE_FISHEYE", "f cx cy"},
+    ModelFacts{LensModel::kFisheye, "FISHEYE", "fx fy cx cy"},
+    ModelFacts{LensModel::kEucm, "EUCM", "fx fy cx cy alpha beta"},
+    ModelFacts{LensModel::kMetashapeFisheye, "METASHAPE_FISHEYE", "fx fy cx cy k1 k2 k3 k4 p1 p2"},
 };
 
 constexpr std::array kIds = [] {

@@ -23,6 +23,13 @@ enum class LensModel : std::int32_t {
   kSimpleRadialFisheye = 8,
   kRadialFisheye = 9,
   kThinPrismFisheye = 10,
+  kRadTanThinPrismFisheye = 11,
+  kSimpleDivision = 12,
+  kDivision = 13,
+  kSimpleFisheye = 14,
+  kFisheye = 15,
+  kEucm = 16,
+  kMetashapeFisheye = 1000,  // colmap_underwater's; COLMAP itself has no such model
 };
 
 std::span<const LensModel> AllLensModels() noexcept;

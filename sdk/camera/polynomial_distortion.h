@@ -19,15 +19,18 @@ namespace rsfm {
 struct PolynomialLayout {
   int num_params = 0;
   int num_radial = 0;
-  std::array<int, 4> radial = {-1, -1, -1, -1};
-  int tangential = -1;  // of p1; p2 follows
-  int prism = -1;       // of sx; sy follows
+  std::array<int, 6> radial = {-1, -1, -1, -1, -1, -1};
+  int tangential = -1;              // of p1; p2 follows
+  bool tangential_swapped = false;  // p2 comes first
+  int prism = -1;                   // of sx; sy follows
 };
 
 template <PolynomialLayout kLayout>
 struct PolynomialDistortion {
   static constexpr int kNumParams = kLayout.num_params;
   static constexpr bool kIsRadial = kLayout.tangential < 0 && kLayout.prism < 0;
+  static constexpr int kP1 = kLayout.tangential + (kLayout.tangential_swapped ? 1 : 0);
+  static constexpr int kP2 = kLayout.tangential + (kLayout.tangential_swapped ? 0 : 1);
   using ParamsJacobian = Eigen::Matrix<double, 2, kNumParams>;
 
   template <class T>
@@ -38,7 +41,7 @@ struct PolynomialDistortion {
     for (int i = kLayout.num_radial - 1; i >= 0; --i) radial = (radial + k[kLayout.radial[i]]) * r2;
     T u = x + x * radial, v = y + y * radial;
     if constexpr (kLayout.tangential >= 0) {
-      const T p1 = k[kLayout.tangential], p2 = k[kLayout.tangential + 1];
+      const T p1 = k[kP1], p2 = k[kP2];
       u += T(2.0) * p1 * x * y + p2 * (r2 + T(2.0) * x * x);
       v += T(2.0) * p2 * x * y + p1 * (r2 + T(2.0) * y * y);
     }
@@ -62,7 +65,7 @@ struct PolynomialDistortion {
     double uu = 1.0 + radial + 2.0 * xx * slope, uv = 2.0 * xy * slope, vu = uv,
            vv = 1.0 + radial + 2.0 * yy * slope;
     if constexpr (kLayout.tangential >= 0) {
-      const double p1 = k[kLayout.tangential], p2 = k[kLayout.tangential + 1];
+      const double p1 = k[kP1], p2 = k[kP2];
       u += 2.0 * p1 * xy + p2 * (r2 + 2.0 * xx);
       v += 2.0 * p2 * xy + p1 * (r2 + 2.0 * yy);
       uu += 2.0 * p1 * y + 6.0 * p2 * x;
@@ -88,8 +91,8 @@ struct PolynomialDistortion {
       d_q_d_k->col(kLayout.radial[i]) = power * p;
     }
     if constexpr (kLayout.tangential >= 0) {
-      d_q_d_k->col(kLayout.tangential) << 2.0 * xy, r2 + 2.0 * yy;
-      d_q_d_k->col(kLayout.tangential + 1) << r2 + 2.0 * xx, 2.0 * xy;
+      d_q_d_k->col(kP1) << 2.0 * xy, r2 + 2.0 * yy;
+      d_q_d_k->col(kP2) << r2 + 2.0 * xx, 2.0 * xy;
     }
     if constexpr (kLayout.prism >= 0) {
       d_q_d_k->col(kLayout.prism) << r2, 0.0;

@@ -86,7 +86,13 @@ CameraVariant Compose(const CameraConfig& config, LensTypeList<Ls...>) {
 Expected<AnyCamera> AnyCamera::Create(const CameraConfig& config) noexcept {
   if (const Status status = CheckLens(config); !status) return tl::unexpected(status.error());
   if (const Status status = CheckPort(config.port); !status) return tl::unexpected(status.error());
-  return AnyCamera(config, Compose(config, AllLenses{}));
+  const CameraVariant camera = Compose(config, AllLenses{});
+  // Parameters with which the model maps nothing (an angle of view of 180 degrees, a negative
+  // beta).
+  if (!std::visit([](const auto& c) { return c.lens.max_radius_squared() > 0.0; }, camera)) {
+    return Fail(Errc::kInvalidArgument, "params", NumFocalLengths(config.lens) + 2);
+  }
+  return AnyCamera(config, camera);
 }
 
 Projection AnyCamera::Project(const Vec3& point_in_camera, Vec2* pixel) const noexcept {

@@ -14,7 +14,8 @@ namespace rsfm {
 // Points farther than this (metres) are refused as not finite, so that no square overflows.
 inline constexpr double kMaxCoordinate = 1e100;
 inline bool IsUsable(const Vec3& point) noexcept {
-  return std::abs(point.x()) + std::abs(point.y()) + std::abs(point.z()) <= kMaxCoordinate;  // false for NaN
+  return std::abs(point.x()) + std::abs(point.y()) + std::abs(point.z()) <=
+         kMaxCoordinate;  // false for NaN
 }
 
 // Derivatives of the unit direction in air to the point in water (1/m) and to the port's

@@ -26,9 +26,14 @@ typename L::Params RandomParams(Rng* rng, double strength) {
       value = rng->Uniform(500.0, 520.0);
     } else if (name == "omega") {
       value = strength * rng->Uniform(0.1, 0.9);
+    } else if (name == "alpha") {
+      value = strength == 0.0 ? 0.0 : rng->Uniform(0.1, 0.9);
+    } else if (name == "beta") {
+      value = rng->Uniform(0.5, 1.5);
     } else if (name.starts_with("p") || name.starts_with("s")) {
       value = strength * rng->Uniform(-0.002, 0.002);
-    } else if (name == "k" || name == "k1") {
+    } else if (name == "k" || (name == "k1" && L::kModel != LensModel::kRadTanThinPrismFisheye) ||
+               name == "k0") {
       value = strength * rng->Uniform(-0.15, 0.15);
     } else {
       value = strength * rng->Uniform(-0.01, 0.01);
@@ -146,7 +151,9 @@ TYPED_TEST(LensTest, BeyondTheFoldIsAStatusNotAPixel) {
           lens.Project(Vec3(std::sin(angle), 0.0, std::cos(angle)), &pixel) == LensStatus::kOk;
       if (!ok) ended = true;
       if (ok && TypeParam::kModel != LensModel::kThinPrismFisheye &&
-          TypeParam::kModel != LensModel::kOpenCV && TypeParam::kModel != LensModel::kFullOpenCV) {
+          TypeParam::kModel != LensModel::kOpenCV && TypeParam::kModel != LensModel::kFullOpenCV &&
+          TypeParam::kModel != LensModel::kRadTanThinPrismFisheye &&
+          TypeParam::kModel != LensModel::kMetashapeFisheye) {
         EXPECT_FALSE(ended) << angle;
         const double radius =
             (pixel -
