@@ -9,6 +9,10 @@
 #include "tools/common/exit.h"
 #include "tools/common/progress.h"
 #include "tools/rsfm_tool/verb_backproject.h"
+#include "tools/rsfm_tool/verb_check.h"
+#include "tools/rsfm_tool/verb_evaluate.h"
+#include "tools/rsfm_tool/verb_export.h"
+#include "tools/rsfm_tool/verb_info.h"
 #include "tools/rsfm_tool/verb_project.h"
 #include "tools/rsfm_tool/verb_simulate.h"
 
@@ -49,6 +53,10 @@ int Main(int argc, char** argv) {
   app.set_version_flag("--version", RSFM_VERSION);
   Verbs verbs(&app);
   verbs.Add(DeclareBackproject, RunBackproject);
+  verbs.Add(DeclareCheck, RunCheck);
+  verbs.Add(DeclareEvaluate, RunEvaluate);
+  verbs.Add(DeclareExport, RunExport);
+  verbs.Add(DeclareInfo, RunInfo);
   verbs.Add(DeclareProject, RunProject);
   verbs.Add(DeclareSimulate, RunSimulate);
 
@@ -56,6 +64,10 @@ int Main(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
+    if (argc > 1 && argv[1][0] != '-' && app.get_subcommand_no_throw(argv[1]) == nullptr) {
+      std::fprintf(stderr, "error: '%s' is not a verb; see rsfm_tool --help\n", argv[1]);
+      return kExitWrongRequest;
+    }
     std::fprintf(stderr, "error: %s; see rsfm_tool --help\n", error.what());
     return kExitWrongRequest;
   }

@@ -98,7 +98,10 @@ int ConvertLines(std::size_t num_fields, const char* wanted,
     }
     input.erase(0, size);
     // Whoever feeds us line by line gets each answer at once.
-    if (!WriteText(&output) || std::fflush(stdout) != 0) break;
+    errno = 0;
+    if (!WriteText(&output) || std::fflush(stdout) != 0) {
+      return Report(FromErrno(errno != 0 ? errno : EIO, "standard output", "write"));
+    }
   }
   return FinishStdout();
 }

@@ -1,0 +1,23 @@
+// What a reconstruction is compared with.
+#pragma once
+
+#include <filesystem>
+#include <vector>
+
+#include "rsfm/io/diagnostic.h"
+#include "rsfm/io/trajectory.h"
+
+namespace rsfm {
+
+struct GroundTruth {
+  std::vector<TrajectoryPose> poses;
+  bool has_rotations = true;
+  std::filesystem::path mesh;  // empty: none
+};
+
+// Reads, by what it finds at `path`: a model folder; a mission's ground_truth folder, or the
+// mission that has one; a TUM file (by time); a CSV with `image` and any of x, y, z, each with the
+// unit as suffix (x_m, x_cm, x_mm; an axis that is not there is 0): positions without rotations.
+IoExpected<GroundTruth> ReadGroundTruth(const std::filesystem::path& path);
+
+}  // namespace rsfm

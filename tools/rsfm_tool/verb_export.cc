@@ -1,0 +1,89 @@
+#include "tools/rsfm_tool/verb_export.h"
+
+#include <cstdio>
+#include <filesystem>
+
+#include "rsfm/io/atomic_output.h"
+#include "rsfm/io/mission.h"
+#include "rsfm/io/model.h"
+#include "rsfm/io/trajectory.h"
+#include "tools/common/exit.h"
+
+namespace rsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Input {
+  Model model;
+  std::vector<TrajectoryPose> trajectory;
+};
+
+IoExpected<Input> ReadInput(const fs::path& path) {
+  Input input;
+  if (IsMissionFolder(path)) {
+    const auto mission = ReadMission(path, {.keep_descriptors = false});
+    if (!mission) return Fail(mission.error());
+    input.model = ModelFromMission(*mission);
+    input.trajectory = TrajectoryOf(*mission);
+  } else {
+    auto model = ReadModel(path);
+    if (!model) return Fail(model.error());
+    input.model = std::move(*model);
+    input.trajectory = TrajectoryOf(input.model);
+  }
+  if (input.trajectory.empty() && input.model.images.empty()) {
+    return Fail({Errc::kInvalidArgument, path.string(), "", "holds no pose to export",
+                 "give a model, or a mission whose mapper has run"});
+  }
+  return input;
+}
+
+IoStatus Write(const Input& input, const ExportOptions& options) {
+  const fs::path out = options.out;
+  const std::string name = fs::path(options.input).lexically_normal().filename().string();
+  const std::string& format = options.format;
+  if (format == "colmap-txt") return WriteModel(input.model, out, ModelFormat::kColmapText);
+  if (format == "colmap-bin") return WriteModel(input.model, out, ModelFormat::kColmapBinary);
+  if (format == "colmap-underwater") {
+    return WriteModel(input.model, out, ModelFormat::kColmapUnderwater);
+  }
+  if (format == "ply") return WriteFileAtomically(out, FormatPly(input.model, input.trajectory));
+  if (format == "tum") return WriteFileAtomically(out, FormatTum(input.trajectory));
+  auto text = format == "kml" ? FormatKml(input.trajectory, input.model.rig.world, name)
+                              : FormatGeoJson(input.trajectory, input.model.rig.world, name);
+  if (!text) {
+    Diagnostic problem = text.error();
+    problem.file = options.input;
+    return Fail(problem);
+  }
+  return WriteFileAtomically(out, *text);
+}
+
+}  // namespace
+
+CLI::App* DeclareExport(CLI::App& app, ExportOptions* options) {
+  CLI::App* verb = app.add_subcommand(
+      "export", "Write a model or a mission's on-board result for other programs");
+  verb->add_option("input", options->input, "model or mission folder")->required();
+  verb->add_option("--format", options->format,
+                   "colmap-* write a folder, the others a file; kml and geojson need a world on "
+                   "earth")
+      ->required()
+      ->check(CLI::IsMember(
+          {"colmap-txt", "colmap-bin", "colmap-underwater", "ply", "tum", "kml", "geojson"}));
+  verb->add_option("--out", options->out, "folder or file to write")->required();
+  return verb;
+}
+
+int RunExport(const ExportOptions& options) {
+  const auto input = ReadInput(options.input);
+  if (!input) return Report(input.error());
+  if (const IoStatus status = Write(*input, options); !status) return Report(status.error());
+  std::printf("%s: %zu images, %zu points\n", options.out.c_str(),
+              std::max(input->trajectory.size(), input->model.images.size()),
+              input->model.points.size());
+  return FinishStdout();
+}
+
+}  // namespace rsfm

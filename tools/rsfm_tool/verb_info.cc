@@ -1,0 +1,139 @@
+#include "tools/rsfm_tool/verb_info.h"
+
+#include <cstdio>
+#include <filesystem>
+
+#include "rsfm/io/event_log.h"
+#include "rsfm/io/mission.h"
+#include "rsfm/io/model.h"
+#include "rsfm/io/rig_names.h"
+#include "rsfm/io/trajectory.h"
+#include "tools/common/exit.h"
+#include "tools/common/progress.h"
+
+namespace rsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+long long Count(std::size_t size) { return static_cast<long long>(size); }
+
+void PrintLog(const EventLogStatistics& log) {
+  std::printf("events        %lld in %.3f s\n", static_cast<long long>(log.num_events),
+              SecondsFromUs(log.last_utime - log.first_utime));
+  for (const auto& [name, channel] : log.channels) {
+    std::printf("  %-24s %8lld events  %12lld bytes\n", name.c_str(),
+                static_cast<long long>(channel.num_events),
+                static_cast<long long>(channel.num_bytes));
+  }
+  if (log.num_damaged > 0) {
+    std::printf("damage        %lld places, %lld bytes skipped\n",
+                static_cast<long long>(log.num_damaged), static_cast<long long>(log.damaged_bytes));
+  }
+  if (log.cut_bytes > 0) {
+    std::printf("cut           the last event is cut off; its %lld bytes are lost\n",
+                static_cast<long long>(log.cut_bytes));
+  }
+  if (log.num_damaged == 0 && log.cut_bytes == 0) std::printf("damage        none\n");
+}
+
+double PathLength(const std::vector<TrajectoryPose>& poses) {
+  double length = 0.0;
+  for (std::size_t i = 1; i < poses.size(); ++i) {
+    length += (poses[i].world_from_camera.translation - poses[i - 1].world_from_camera.translation)
+                  .norm();
+  }
+  return length;
+}
+
+void PrintWorld(const World& world) {
+  std::printf("world         %s", std::string(ToString(world.frame)).c_str());
+  if (world.origin) {
+    std::printf(", origin %.9f N %.9f E %.3f m", world.origin->latitude_deg,
+                world.origin->longitude_deg, world.origin->height_m);
+  }
+  std::printf("%s\n", world.scale_is_metric ? "" : ", scale not known");
+}
+
+void PrintModel(const Model& model) {
+  std::size_t num_features = 0, num_observations = 0;
+  for (const ModelImage& image : model.images) num_features += image.features.size();
+  for (const ModelPoint& point : model.points) num_observations += point.track.size();
+  for (const ModelCamera& camera : model.cameras) {
+    std::printf("camera        %s %d x %d, port %s\n",
+                std::string(ToString(camera.config.lens)).c_str(), camera.config.width,
+                camera.config.height, std::string(ToString(camera.config.port.type)).c_str());
+  }
+  std::printf("images        %lld\nfeatures      %lld\npoints        %lld\n",
+              Count(model.images.size()), Count(num_features), Count(model.points.size()));
+  std::printf("observations  %lld, %.2f per point\n", Count(num_observations),
+              model.points.empty() ? 0.0
+                                   : static_cast<double>(num_observations) /
+                                         static_cast<double>(model.points.size()));
+}
+
+int PrintMission(const fs::path& path) {
+  const auto mission = ReadMission(path, {.keep_descriptors = false});
+  if (!mission) return Report(mission.error());
+  std::printf("mission       %s\n", path.c_str());
+  PrintWorld(mission->rig.world);
+  std::printf("images        %lld%s\n", Count(mission->images.size()),
+              mission->ImagesFolder().empty() ? ", their files are not here" : "");
+  PrintLog(mission->log);
+  std::printf("malformed     %lld messages\n", static_cast<long long>(mission->num_malformed));
+  std::printf("navigation    %lld samples, %lld rejected\n", Count(mission->nav.size()),
+              static_cast<long long>(mission->num_nav_rejected));
+  const std::vector<TrajectoryPose> poses = TrajectoryOf(*mission);
+  std::printf("poses         %lld, of which %lld tracked; path %.3f m\n",
+              Count(mission->poses.size()), Count(poses.size()), PathLength(poses));
+  std::printf("landmarks     %lld\n", Count(mission->landmarks.size()));
+  std::printf("keyframes     %lld\n", Count(mission->keyframes.size()));
+  std::printf("on-board model\n");
+  PrintModel(ModelFromMission(*mission));
+  return FinishStdout();
+}
+
+int PrintModelFolder(const fs::path& path) {
+  const auto model = ReadModel(path);
+  if (!model) return Report(model.error());
+  std::printf("model         %s\n", path.c_str());
+  PrintWorld(model->rig.world);
+  PrintModel(*model);
+  std::printf("path          %.3f m\n", PathLength(TrajectoryOf(*model)));
+  return FinishStdout();
+}
+
+int PrintLogFile(const fs::path& path) {
+  auto log = EventLogReader::Open(path);
+  if (!log) return Report(log.error());
+  LogEvent event;
+  while (true) {
+    const auto has_event = log->Next(&event);
+    if (!has_event) return Report(has_event.error());
+    if (!*has_event) break;
+    if (IsInterrupted()) return ReportInterrupted();
+  }
+  std::printf("event log     %s, %lld bytes\n", path.c_str(),
+              static_cast<long long>(log->file_bytes()));
+  PrintLog(log->statistics());
+  if (log->statistics().num_events > 0 || log->file_bytes() == 0) return FinishStdout();
+  return Report({Errc::kCorrupt, path.string(), "", "holds no event",
+                 "give an LCM event log, a mission or a model"});
+}
+
+}  // namespace
+
+CLI::App* DeclareInfo(CLI::App& app, InfoOptions* options) {
+  CLI::App* verb = app.add_subcommand("info", "Describe a mission, a model or an event log");
+  verb->add_option("path", options->path, "mission folder, model folder or event log")->required();
+  return verb;
+}
+
+int RunInfo(const InfoOptions& options) {
+  const fs::path path = options.path;
+  std::error_code error;
+  if (!fs::is_directory(path, error)) return PrintLogFile(path);
+  return IsMissionFolder(path) ? PrintMission(path) : PrintModelFolder(path);
+}
+
+}  // namespace rsfm
