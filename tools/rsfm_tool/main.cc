@@ -1,9 +1,11 @@
 // rsfm_tool: the desk. One file per verb: Declare<Verb>() says its arguments, Run<Verb>() does it.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <functional>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "tools/common/exit.h"
@@ -28,6 +30,11 @@ class Verbs {
     auto options = std::make_shared<Options>();
     CLI::App* verb = declare(*app_, options.get());
     verbs_.push_back({verb, [options, run] { return run(*options); }});
+  }
+
+  bool Has(const std::string& name) const {
+    return std::any_of(verbs_.begin(), verbs_.end(),
+                       [&](const Verb& verb) { return verb.app->get_name() == name; });
   }
 
   int RunParsed() const {
@@ -64,7 +71,7 @@ int Main(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-    if (argc > 1 && argv[1][0] != '-' && app.get_subcommand_no_throw(argv[1]) == nullptr) {
+    if (argc > 1 && argv[1][0] != '-' && !verbs.Has(argv[1])) {
       std::fprintf(stderr, "error: '%s' is not a verb; see rsfm_tool --help\n", argv[1]);
       return kExitWrongRequest;
     }
