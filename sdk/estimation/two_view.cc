@@ -1,0 +1,518 @@
+#include "rsfm/estimation/two_view.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "rsfm/estimation/five_point.h"
+#include "rsfm/estimation/two_view_checks.h"
+
+namespace rsfm {
+namespace {
+
+constexpr double kMinSigmaPx = 1e-3;
+
+// The point nearest to all rays, drawn weakly to the mean origin for when they are parallel.
+Vec3 NearestPoint(std::span<const RayPair> pairs, bool of_a) {
+  Mat3 matrix = Mat3::Zero();
+  Vec3 right_side = Vec3::Zero(), mean = Vec3::Zero();
+  for (const RayPair& pair : pairs) {
+    const Ray3& ray = of_a ? pair.a.ray : pair.b.ray;
+    const Mat3 projector = Mat3::Identity() - ray.direction * ray.direction.transpose();
+    matrix += projector;
+    right_side += projector * ray.origin;
+    mean += ray.origin;
+  }
+  const double count = static_cast<double>(pairs.size());
+  const double weak = 1e-3 * count;
+  matrix.diagonal().array() += weak;
+  return matrix.inverse() * (right_side + weak * mean / count);
+}
+
+EpipolarRefineOptions MakeRefineOptions(const TwoViewOptions& options, double sigma_px) {
+  EpipolarRefineOptions refine;
+  refine.weighting = options.weighting;
+  refine.loss = options.loss;
+  refine.loss.scale *= sigma_px;
+  refine.sigma_px = sigma_px;
+  refine.max_iterations = options.max_refine_iterations;
+  refine.min_baseline_m = options.min_baseline_m;
+  refine.max_baseline_m = options.max_baseline_m;
+  refine.priors.length_m = options.baseline_m;
+  refine.priors.sigma_m = options.sigma_baseline_m;
+  return refine;
+}
+
+// The central stand-ins of both cameras: X_b - c_b = R (X_a - c_a) + t_c.
+struct StandIn {
+  std::span<const RayPair> pairs;
+  Vec3 centre_a, centre_b;
+  double port_depth_m =
+      0.0;  // from centre a, the farthest point of the port's outer surface that is looked through
+
+  Vec3 Offset(const Mat3& rotation) const { return centre_b - rotation * centre_a; }
+  RelativePose ToPose(const Mat3& rotation, const Vec3& translation,
+                      const TwoViewOptions& options) const {
+    const Vec3 full = translation + Offset(rotation);
+    const double length = std::clamp(full.norm(), options.min_baseline_m, options.max_baseline_m);
+    return {rotation, full.normalized(), 1.0 / length};
+  }
+};
+
+// The depth of the midpoint along bearing a over the baseline, negative when it is behind both; 0
+// when the bearings are parallel or the point is behind one of the two.
+double DepthRatio(const Mat3& rotation, const Vec3& direction, const RayPair& pair) {
+  const Vec3 a = rotation * pair.bearing_a;
+  const Vec3 normal = a.cross(pair.bearing_b);
+  const double squared_sine = normal.squaredNorm();
+  if (!(squared_sine > 1e-20)) return 0.0;
+  const double depth_a = pair.bearing_b.cross(direction).dot(normal) / squared_sine;
+  const double depth_b = a.cross(direction).dot(normal) / squared_sine;
+  return depth_a * depth_b > 0.0 ? depth_a : 0.0;
+}
+
+// Makes the baseline's sign and length physical before a refinement: refraction that is weak
+// against the noise tells neither, and the constraint alone would let the points move through the
+// port or behind the camera. From at most 64 of the pairs by their median depth over the baseline;
+// sets the bound and the weak prior of the length.
+void AnchorScale(const StandIn& stand_in, std::span<const int> active,
+                 const TwoViewOptions& options, EpipolarRefineOptions* refine, RelativePose* pose) {
+  constexpr std::size_t kMaxUsed = 64;
+  StaticVector<double, 2 * kMaxUsed> ratios;
+  const Vec3 translation =
+      pose->direction / pose->inverse_baseline - stand_in.Offset(pose->rotation);
+  const double length = translation.norm();
+  if (!(length > 0.0)) return;
+  int in_front = 0, behind = 0;
+  const std::size_t stride = 1 + active.size() / kMaxUsed;
+  for (std::size_t i = 0; i < active.size(); i += stride) {
+    const double ratio =
+        DepthRatio(pose->rotation, translation / length, stand_in.pairs[active[i]]);
+    in_front += ratio > 0.0;
+    behind += ratio < 0.0;
+    if (ratio != 0.0) ratios.TryPushBack(std::abs(ratio));
+  }
+  if (ratios.empty()) return;
+  const auto middle = ratios.begin() + ratios.size() / 2;
+  std::nth_element(ratios.begin(), middle, ratios.end());
+  const double default_length = options.default_range_m / *middle;
+  if (behind > in_front) {
+    *pose = stand_in.ToPose(pose->rotation, -default_length * translation / length, options);
+  }
+  refine->min_baseline_m = std::clamp(options.min_range_m / *middle, options.min_baseline_m,
+                                      0.5 * options.max_baseline_m);
+  refine->priors.weak_length_m = default_length;
+  pose->inverse_baseline = std::min(pose->inverse_baseline, 1.0 / refine->min_baseline_m);
+}
+
+// The RANSAC problem: five-point proposals of the central stand-in, judged on the refracted rays.
+class Problem {
+ public:
+  static constexpr int kSampleSize = kFivePointSampleSize;
+  using Model = RelativePose;
+  using Models = StaticVector<RelativePose, 20>;
+
+  Problem(const StandIn& stand_in, const TwoViewOptions& options,
+          const EpipolarRefineOptions& refine)
+      : stand_in_(stand_in), pairs_(stand_in.pairs), options_(options), refine_(refine) {}
+
+  int Size() const { return static_cast<int>(pairs_.size()); }
+
+  void Solve(std::span<const int, kSampleSize> sample, Models* models) const {
+    std::array<Vec3, kSampleSize> a, b;
+    for (int i = 0; i < kSampleSize; ++i) {
+      a[i] = pairs_[sample[i]].bearing_a;
+      b[i] = pairs_[sample[i]].bearing_b;
+    }
+    for (const Mat3& essential : SolveFivePoint(a, b)) {
+      for (const Rigid3& pose : DecomposeEssential(essential)) {
+        const Mat3 rotation = pose.rotation.toRotationMatrix();
+        std::array<double, kSampleSize> ratios;
+        bool is_in_front = true;
+        for (int i = 0; i < kSampleSize && is_in_front; ++i) {
+          ratios[i] = DepthRatio(rotation, pose.translation, pairs_[sample[i]]);
+          is_in_front = ratios[i] > 0.0;
+        }
+        if (!is_in_front) continue;
+        std::nth_element(ratios.begin(), ratios.begin() + kSampleSize / 2, ratios.end());
+        const double length = Length(rotation, pose.translation, ratios[kSampleSize / 2]);
+        models->TryPushBack(stand_in_.ToPose(rotation, length * pose.translation, options_));
+      }
+    }
+  }
+
+  double SquaredError(const Model& model, int i) const {
+    return SquaredSampsonError(model, pairs_[i]);
+  }
+
+  // The virtual epipolar cost on at most about kMaxUsed inliers, evenly chosen.
+  bool Refine(std::span<const int> inliers, Model* model) const {
+    constexpr std::size_t kMaxUsed = 256;
+    StaticVector<int, 2 * kMaxUsed> used;
+    const std::size_t stride = 1 + inliers.size() / kMaxUsed;
+    for (std::size_t i = 0; i < inliers.size(); i += stride) used.TryPushBack(inliers[i]);
+    const std::span<const int> active(used.data(), used.size());
+    EpipolarRefineOptions refine = refine_;
+    AnchorScale(stand_in_, active, options_, &refine, model);
+    RefineEpipolar(pairs_, active, refine, model);
+    return true;
+  }
+
+ private:
+  // The length of the baseline between the stand-ins that fits the rays best: e is linear in its
+  // inverse, and a coarse logarithmic grid of ranges over at most 64 pairs suffices as a start.
+  double Length(const Mat3& rotation, const Vec3& direction, double depth_ratio) const {
+    if (options_.sigma_baseline_m > 0.0) return options_.baseline_m;
+    constexpr std::size_t kMaxUsed = 64;
+    std::array<double, 2 * kMaxUsed> constant, slope;
+    std::size_t count = 0;
+    const Vec3 offset = stand_in_.Offset(rotation);
+    const RelativePose far{rotation, direction, 0.0};
+    const std::size_t stride = 1 + pairs_.size() / kMaxUsed;
+    for (std::size_t i = 0; i < pairs_.size(); i += stride) {
+      const RayPair& pair = pairs_[i];
+      const Vec3 normal = (rotation * pair.a.ray.direction).cross(pair.b.ray.direction);
+      const double e = direction.dot(normal);
+      const double pixels =
+          e != 0.0 ? std::sqrt(SquaredSampsonError(far, pair)) / std::abs(e) : 0.0;
+      constant[count] = pixels * e;
+      slope[count++] =
+          pixels * normal.dot(offset + rotation * pair.a.ray.origin - pair.b.ray.origin);
+    }
+    const double max_squared_error = options_.ransac.max_error_px * options_.ransac.max_error_px;
+    const auto score = [&](double inverse_length) {
+      double sum = 0.0;
+      for (std::size_t i = 0; i < count; ++i) {
+        const double error = constant[i] + inverse_length * slope[i];
+        sum += error * error < max_squared_error ? error * error : max_squared_error;
+      }
+      return sum;
+    };
+    // The default stays unless another length is clearly better, as it is where the rays do not
+    // meet in a centre.
+    double length = options_.default_range_m / depth_ratio;
+    double best = (1.0 - 1e-3) * score(1.0 / length);
+    for (const double range : {100.0, 30.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.25}) {
+      const double candidate = score(depth_ratio / range);
+      if (range < options_.min_range_m + stand_in_.port_depth_m || !(candidate < best)) continue;
+      best = candidate;
+      length = range / depth_ratio;
+    }
+    return length;
+  }
+
+  StandIn stand_in_;
+  std::span<const RayPair> pairs_;
+  const TwoViewOptions& options_;
+  EpipolarRefineOptions refine_;
+};
+static_assert(RansacProblem<Problem>);
+
+double Median(FixedVector<double>* values) {
+  if (values->empty()) return 0.0;
+  const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
+  std::nth_element(values->begin(), middle, values->end());
+  return *middle;
+}
+
+}  // namespace
+
+Status TwoViewOptions::Validate() const noexcept {
+  if (const Status status = ransac.Validate(); !status) return status;
+  if (!(loss.scale > 0.0)) return Fail(Errc::kInvalidArgument, "loss.scale");
+  if (max_refine_iterations < 0)
+    return Fail(Errc::kInvalidArgument, "max_refine_iterations", max_refine_iterations);
+  if (!(nominal_range_m > 0.0)) return Fail(Errc::kInvalidArgument, "nominal_range_m");
+  if (!(sigma_baseline_m >= 0.0)) return Fail(Errc::kInvalidArgument, "sigma_baseline_m");
+  if (!(min_baseline_m > 0.0)) return Fail(Errc::kInvalidArgument, "min_baseline_m");
+  if (!(max_baseline_m > min_baseline_m)) return Fail(Errc::kInvalidArgument, "max_baseline_m");
+  if (sigma_baseline_m > 0.0 && !(baseline_m >= min_baseline_m && baseline_m <= max_baseline_m)) {
+    return Fail(Errc::kInvalidArgument, "baseline_m");
+  }
+  if (!(min_range_m > 0.0)) return Fail(Errc::kInvalidArgument, "min_range_m");
+  if (!(default_range_m > min_range_m)) return Fail(Errc::kInvalidArgument, "default_range_m");
+  if (min_inliers < 7) return Fail(Errc::kInvalidArgument, "min_inliers", min_inliers);
+  if (!(max_direction_sigma_rad > 0.0))
+    return Fail(Errc::kInvalidArgument, "max_direction_sigma_rad");
+  return {};
+}
+
+TwoViewEstimator::TwoViewEstimator(std::uint32_t capacity)
+    : pairs_(capacity),
+      workspace_(capacity),
+      active_(capacity),
+      values_(capacity),
+      mask_(capacity),
+      points_(capacity) {}
+
+std::size_t TwoViewEstimator::bytes() const {
+  return pairs_.bytes() + workspace_.bytes() + active_.bytes() + values_.bytes() + mask_.bytes() +
+         points_.bytes();
+}
+
+Status TwoViewEstimator::Prepare(const AnyCamera& camera_a, const AnyCamera& camera_b,
+                                 std::span<const Vec2> pixels_a, std::span<const Vec2> pixels_b,
+                                 const TwoViewOptions& options) {
+  if (const Status status = options.Validate(); !status) return status;
+  if (pixels_a.size() != pixels_b.size()) return Fail(Errc::kInvalidArgument, "pixels_b");
+  if (pixels_a.size() > mask_.capacity()) return Fail(Errc::kOutOfCapacity, "pixels_a", capacity());
+  num_observations_ = pixels_a.size();
+  pairs_.clear();
+  for (std::size_t i = 0; i < pixels_a.size(); ++i) {
+    RayPair pair;
+    pair.index = static_cast<int>(i);
+    if (BackprojectDifferentiated(camera_a, pixels_a[i], &pair.a) &&
+        BackprojectDifferentiated(camera_b, pixels_b[i], &pair.b)) {
+      pairs_.TryPushBack(pair);
+    }
+  }
+  const int usable = static_cast<int>(pairs_.size());
+  if (usable < options.min_inliers) return Fail(Errc::kNotEnoughData, "pixels_a", usable);
+  centre_a_ = NearestPoint(pairs_.span(), true);
+  centre_b_ = NearestPoint(pairs_.span(), false);
+  port_depth_m_ = 0.0;
+  for (RayPair& pair : pairs_) {
+    pair.bearing_a = (pair.a.ray.At(options.nominal_range_m) - centre_a_).normalized();
+    port_depth_m_ = std::max(port_depth_m_, (pair.a.ray.origin - centre_a_).norm());
+    pair.bearing_b = (pair.b.ray.At(options.nominal_range_m) - centre_b_).normalized();
+  }
+  return {};
+}
+
+void TwoViewEstimator::SelectInliers(const RelativePose& pose, double max_error_px,
+                                     double* sigma_px) {
+  active_.clear();
+  values_.clear();
+  for (std::size_t i = 0; i < pairs_.size(); ++i) {
+    const double squared_error = SquaredSampsonError(pose, pairs_[i]);
+    if (!(squared_error < max_error_px * max_error_px)) continue;
+    active_.TryPushBack(static_cast<int>(i));
+    values_.TryPushBack(std::sqrt(squared_error));
+  }
+  // The median of a normal error's absolute value.
+  *sigma_px = std::max(kMinSigmaPx, Median(&values_) / 0.6745);
+}
+
+Status TwoViewEstimator::CheckCheirality(const RelativePose& pose, const TwoViewOptions& options,
+                                         TwoViewReport* report) {
+  const Vec3 none = Vec3::Constant(std::numeric_limits<double>::quiet_NaN());
+  points_.clear();
+  mask_.clear();
+  while (points_.size() < num_observations_) points_.TryPushBack(none);
+  mask_.TryResize(num_observations_);
+  values_.clear();
+  int in_front = 0, judged = 0;
+  const Rigid3 a_from_b = pose.ToRigid().Inverse();
+  for (const int i : active_) {
+    const RayPair& pair = pairs_[i];
+    double range_a = 0.0, range_b = 0.0, angle = 0.0;
+    const bool meet = MeetingRanges(pose, pair, &range_a, &range_b, &angle);
+    values_.TryPushBack(meet ? angle : 0.0);
+    // Four standard deviations of the angle between the two rays.
+    const double noise_angle =
+        4.0 * report->sigma_px *
+        (pair.a.d_direction_d_pixel.norm() + pair.b.d_direction_d_pixel.norm()) / 2.0;
+    mask_[pair.index] = 1;
+    if (!meet || !(angle > noise_angle)) continue;  // too far to tell
+    ++judged;
+    if (range_a > 0.0 && range_b > 0.0) {
+      ++in_front;
+      points_[pair.index] = 0.5 * (pair.a.ray.At(range_a) + a_from_b * pair.b.ray.At(range_b));
+    } else {
+      mask_[pair.index] = 0;
+    }
+  }
+  report->median_parallax_rad = Median(&values_);
+  report->num_inliers = static_cast<int>(active_.size()) - (judged - in_front);
+  if (in_front < options.min_in_front_ratio * judged || report->num_inliers < options.min_inliers) {
+    return Fail(Errc::kNotEnoughInliers, "cheirality", in_front);
+  }
+  if (judged < options.min_inliers / 2) return Fail(Errc::kDegenerate, "rotation", judged);
+  return {};
+}
+
+Status TwoViewEstimator::CheckDegeneracy(const RelativePose& pose, const TwoViewOptions& options,
+                                         TwoViewReport* report) {
+  const std::span<const RayPair> pairs = pairs_.span();
+  const std::span<const int> active = active_.span();
+  const double max_error_px = options.ransac.max_error_px;
+  if (!(internal::ThinnestSpreadPx(pairs, active) > 2.0 * max_error_px))
+    return Fail(Errc::kDegenerate, "collinear");
+  report->rotation_only_ratio =
+      internal::RotationOnlyRatio(pairs, active, pose.rotation, max_error_px);
+  if (report->rotation_only_ratio > options.max_rotation_only_ratio)
+    return Fail(Errc::kDegenerate, "rotation");
+
+  Vec3 plane = Vec3::Zero();
+  report->plane_ratio = internal::PlaneRatio(pairs, active, pose, max_error_px, &plane);
+  if (report->plane_ratio <= options.max_plane_ratio) return {};
+  const auto score = [&](const RelativePose& candidate) {
+    double sum = 0.0;
+    for (const int i : active)
+      sum += std::min(SquaredSampsonError(candidate, pairs[i]), max_error_px * max_error_px);
+    return sum;
+  };
+  const double own_score = score(pose);
+  const EpipolarRefineOptions refine = MakeRefineOptions(options, report->sigma_px);
+  for (RelativePose other : internal::OtherPosesOfPlane(pose, plane)) {
+    RefineEpipolar(pairs, active, refine, &other);
+    const double turned =
+        LogSo3(Quat(Mat3(other.rotation * pose.rotation.transpose())).normalized()).norm();
+    if (turned < 0.02 && other.direction.dot(pose.direction) > 0.995) continue;  // it came back
+    int in_front = 0;
+    for (const int i : active) {
+      double range_a = 0.0, range_b = 0.0, angle = 0.0;
+      in_front += MeetingRanges(other, pairs[i], &range_a, &range_b, &angle) && range_a > 0.0 &&
+                  range_b > 0.0;
+    }
+    if (in_front < options.min_in_front_ratio * static_cast<double>(active.size())) continue;
+    // A second solution that four standard deviations do not exclude.
+    if (score(other) < own_score + 16.0 * report->sigma_px * report->sigma_px)
+      return Fail(Errc::kDegenerate, "plane");
+  }
+  return {};
+}
+
+Status TwoViewEstimator::Describe(const RelativePose& pose, const EpipolarRefineOptions& refine,
+                                  const TwoViewOptions& options, TwoViewReport* report) {
+  EpipolarRefineOptions weighted = refine;
+  weighted.weighting = EpipolarWeighting::kSampson;  // the covariance is that of image noise
+  const EpipolarNormal normal = LineariseEpipolar(pairs_.span(), active_.span(), pose, weighted);
+  const double inverse_variance = 1.0 / (report->sigma_px * report->sigma_px);
+  const Mat6 information = inverse_variance * normal.information;
+
+  // Rotation and direction with the length marginalised, its weak prior included.
+  using Mat5 = Eigen::Matrix<double, 5, 5>;
+  using Vec5 = Eigen::Matrix<double, 5, 1>;
+  const double own = information(5, 5) + inverse_variance * normal.weak_information(5, 5);
+  const Vec5 cross = information.topRightCorner<5, 1>();
+  const Mat5 marginal = information.topLeftCorner<5, 5>() - cross * cross.transpose() / own;
+  const Eigen::LLT<Mat5> factor(marginal);
+  if (factor.info() != Eigen::Success) return Fail(Errc::kDegenerate, "information");
+  const Mat5 covariance = factor.solve(Mat5::Identity());
+  report->sigma_rotation_rad = std::sqrt(
+      Eigen::SelfAdjointEigenSolver<Mat3>(covariance.topLeftCorner<3, 3>()).eigenvalues()[2]);
+  report->sigma_direction_rad = std::sqrt(
+      Eigen::SelfAdjointEigenSolver<Mat2>(covariance.bottomRightCorner<2, 2>()).eigenvalues()[1]);
+  if (!(report->sigma_rotation_rad <= options.max_direction_sigma_rad) ||
+      !(report->sigma_direction_rad <= options.max_direction_sigma_rad)) {
+    return Fail(Errc::kDegenerate, "information");
+  }
+
+  // The length with rotation and direction marginalised, by observations and navigation alone.
+  report->baseline_m = 1.0 / pose.inverse_baseline;
+  const Mat5 others = information.topLeftCorner<5, 5>();
+  const double of_length = information(5, 5) - cross.dot(others.ldlt().solve(cross));
+  report->sigma_baseline_m = std::numeric_limits<double>::infinity();
+  if (of_length > 1e-9 * information(5, 5)) {
+    const double sigma =
+        1.0 / (std::sqrt(of_length) * pose.inverse_baseline * pose.inverse_baseline);
+    if (sigma < options.max_baseline_m) report->sigma_baseline_m = sigma;
+  }
+  report->is_baseline_known =
+      report->sigma_baseline_m <= options.max_relative_baseline_sigma * report->baseline_m;
+
+  // From (rotation, tangent, inverse length) to the left perturbation (w, v) of the rigid
+  // transform:
+  //   tangent = s B' (v + w x t),  d s = -s^2 u . v.
+  report->b_from_a = pose.ToRigid();
+  const Eigen::Matrix<double, 3, 2> basis = TangentBasis(pose.direction);
+  Mat6 chain = Mat6::Zero();
+  chain.topLeftCorner<3, 3>().setIdentity();
+  chain.block<2, 3>(3, 0) =
+      -pose.inverse_baseline * basis.transpose() * Hat(report->b_from_a.translation);
+  chain.block<2, 3>(3, 3) = pose.inverse_baseline * basis.transpose();
+  chain.block<1, 3>(5, 3) =
+      -pose.inverse_baseline * pose.inverse_baseline * pose.direction.transpose();
+  report->information = chain.transpose() * information * chain;
+  if (!report->information.allFinite()) return Fail(Errc::kDegenerate, "information");
+  return {};
+}
+
+Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const AnyCamera& camera_a,
+                                                         const TwoViewOptions& options,
+                                                         RelativePose pose, TwoViewReport report) {
+  constexpr int kMaxRounds = 3;
+  const double max_error_px = options.ransac.max_error_px;
+  EpipolarRefineOptions refine = MakeRefineOptions(options, report.sigma_px);
+  for (int round = 0; round < kMaxRounds; ++round) {
+    if (static_cast<int>(active_.size()) < options.min_inliers) break;
+    refine = MakeRefineOptions(options, report.sigma_px);
+    AnchorScale({pairs_.span(), centre_a_, centre_b_, port_depth_m_}, active_.span(), options,
+                &refine, &pose);
+    report.refine_iterations += RefineEpipolar(pairs_.span(), active_.span(), refine, &pose);
+    const std::size_t before = active_.size();
+    const double sigma_before = report.sigma_px;
+    SelectInliers(pose, max_error_px, &report.sigma_px);
+    if (active_.size() == before && std::abs(report.sigma_px - sigma_before) < 0.01 * sigma_before)
+      break;
+  }
+  report.num_inliers = static_cast<int>(active_.size());
+  report.num_observations = static_cast<int>(num_observations_);
+  report.num_unusable = report.num_observations - static_cast<int>(pairs_.size());
+  // The share of the image within the threshold of a line across it.
+  const double width = camera_a.width(), height = camera_a.height();
+  const double chance = 2.0 * max_error_px * std::hypot(width, height) / (width * height);
+  if (report.num_inliers < options.min_inliers ||
+      !IsMeaningful(report.num_inliers, static_cast<int>(pairs_.size()), kFivePointSampleSize,
+                    chance, 10.0)) {
+    return Fail(Errc::kNotEnoughInliers, "inliers", report.num_inliers);
+  }
+  if (const Status status = CheckDegeneracy(pose, options, &report); !status)
+    return tl::unexpected(status.error());
+  if (const Status status = CheckCheirality(pose, options, &report); !status)
+    return tl::unexpected(status.error());
+  if (const Status status = Describe(pose, refine, options, &report); !status)
+    return tl::unexpected(status.error());
+  return report;
+}
+
+Expected<TwoViewReport> TwoViewEstimator::Estimate(const AnyCamera& camera_a,
+                                                   const AnyCamera& camera_b,
+                                                   std::span<const Vec2> pixels_a,
+                                                   std::span<const Vec2> pixels_b,
+                                                   const TwoViewOptions& options) noexcept {
+  if (const Status status = Prepare(camera_a, camera_b, pixels_a, pixels_b, options); !status) {
+    return tl::unexpected(status.error());
+  }
+  EpipolarRefineOptions local = MakeRefineOptions(options, options.ransac.max_error_px / 3.0);
+  local.weighting = EpipolarWeighting::kSampson;
+  local.loss = RobustLoss{};
+  local.max_iterations = 4;
+  Problem problem({pairs_.span(), centre_a_, centre_b_, port_depth_m_}, options, local);
+  RelativePose pose;
+  const Expected<RansacReport> ransac = Ransac(problem, options.ransac, &workspace_, &pose);
+  if (!ransac) return tl::unexpected(ransac.error());
+  TwoViewReport report;
+  report.ransac = *ransac;
+  SelectInliers(pose, options.ransac.max_error_px, &report.sigma_px);
+  return RefineAndJudge(camera_a, options, pose, report);
+}
+
+Expected<TwoViewReport> TwoViewEstimator::Refine(const AnyCamera& camera_a,
+                                                 const AnyCamera& camera_b,
+                                                 std::span<const Vec2> pixels_a,
+                                                 std::span<const Vec2> pixels_b,
+                                                 const Rigid3& b_from_a_start,
+                                                 const TwoViewOptions& options) noexcept {
+  const double length = b_from_a_start.translation.norm();
+  if (!std::isfinite(length) || !(length > 0.0) ||
+      !(std::abs(b_from_a_start.rotation.norm() - 1.0) < 1e-6)) {
+    return Fail(Errc::kInvalidArgument, "b_from_a_start");
+  }
+  if (const Status status = Prepare(camera_a, camera_b, pixels_a, pixels_b, options); !status) {
+    return tl::unexpected(status.error());
+  }
+  RelativePose pose = RelativePose::FromRigid(b_from_a_start);
+  pose.inverse_baseline =
+      std::clamp(pose.inverse_baseline, 1.0 / options.max_baseline_m, 1.0 / options.min_baseline_m);
+  TwoViewReport report;
+  // The first round takes everything, its noise being that of the start.
+  SelectInliers(pose, std::numeric_limits<double>::max(), &report.sigma_px);
+  return RefineAndJudge(camera_a, options, pose, report);
+}
+
+}  // namespace rsfm
