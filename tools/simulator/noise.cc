@@ -24,39 +24,53 @@ float Gradient3(std::uint32_t hash, float dx, float dy, float dz) {
   return ((h & 1) != 0 ? -u : u) + ((h & 2) != 0 ? -v : v);
 }
 
-std::uint32_t Wrap(int i, int period) {
-  const int m = i % period;
-  return static_cast<std::uint32_t>(m < 0 ? m + period : m);
-}
-
-template <class CornerHash>
-float Blend2(float x, float y, CornerHash&& hash) {
-  const float fx = std::floor(x);
-  const float fy = std::floor(y);
-  const int ix = static_cast<int>(fx);
-  const int iy = static_cast<int>(fy);
-  const float dx = x - fx;
-  const float dy = y - fy;
-  const float u = Fade(dx);
-  const float n0 =
-      Lerp(Gradient2(hash(ix, iy), dx, dy), Gradient2(hash(ix + 1, iy), dx - 1.0f, dy), u);
-  const float n1 = Lerp(Gradient2(hash(ix, iy + 1), dx, dy - 1.0f),
-                        Gradient2(hash(ix + 1, iy + 1), dx - 1.0f, dy - 1.0f), u);
-  return Lerp(n0, n1, Fade(dy));
-}
-
 }  // namespace
 
 float GradientNoise(float x, float y, std::uint32_t seed) {
-  return Blend2(x, y, [seed](int ix, int iy) {
-    return Hash(static_cast<std::uint32_t>(ix), static_cast<std::uint32_t>(iy), seed);
-  });
+  const float fx = std::floor(x);
+  const float fy = std::floor(y);
+  const float dx = x - fx;
+  const float dy = y - fy;
+  const auto corner = [&](int i, int j) {
+    const std::uint32_t hash = Hash(static_cast<std::uint32_t>(static_cast<int>(fx) + i),
+                                    static_cast<std::uint32_t>(static_cast<int>(fy) + j), seed);
+    return Gradient2(hash, dx - static_cast<float>(i), dy - static_cast<float>(j));
+  };
+  const float u = Fade(dx);
+  return Lerp(Lerp(corner(0, 0), corner(1, 0), u), Lerp(corner(0, 1), corner(1, 1), u), Fade(dy));
 }
 
-float TiledNoise(float x, float y, int period, std::uint32_t seed) {
-  return Blend2(x, y, [seed, period](int ix, int iy) {
-    return Hash(Wrap(ix, period), Wrap(iy, period), seed);
-  });
+TiledNoise::TiledNoise(int period, int size, std::uint32_t seed) : period_(period), size_(size) {
+  gradients_.reserve(static_cast<std::size_t>(period + 1) * (period + 1));
+  for (int y = 0; y <= period; ++y) {
+    for (int x = 0; x <= period; ++x) {
+      const std::uint32_t hash = Hash(static_cast<std::uint32_t>(x % period),
+                                      static_cast<std::uint32_t>(y % period), seed);
+      gradients_.push_back({Gradient2(hash, 1.0f, 0.0f), Gradient2(hash, 0.0f, 1.0f)});
+    }
+  }
+}
+
+void TiledNoise::AddRow(int y, float weight, float* row) const {
+  const int per_cell = size_ / period_;
+  const float step = 1.0f / static_cast<float>(per_cell);
+  const float dy = (static_cast<float>(y % per_cell) + 0.5f) * step;
+  const float v = Fade(dy);
+  const Gradient* above = &gradients_[static_cast<std::size_t>(y / per_cell) * (period_ + 1)];
+  const Gradient* below = above + period_ + 1;
+  for (int cell = 0; cell < period_; ++cell) {
+    // Along a row each corner's ramp is a line in dx, and the blend downwards does not depend on x.
+    const float left = Lerp(above[cell].y * dy, below[cell].y * (dy - 1.0f), v);
+    const float left_slope = Lerp(above[cell].x, below[cell].x, v);
+    const float right = Lerp(above[cell + 1].y * dy, below[cell + 1].y * (dy - 1.0f), v);
+    const float right_slope = Lerp(above[cell + 1].x, below[cell + 1].x, v);
+    float* values = row + static_cast<std::size_t>(cell) * per_cell;
+    for (int i = 0; i < per_cell; ++i) {
+      const float dx = (static_cast<float>(i) + 0.5f) * step;
+      values[i] +=
+          weight * Lerp(left + left_slope * dx, right + right_slope * (dx - 1.0f), Fade(dx));
+    }
+  }
 }
 
 float GradientNoise(float x, float y, float z, std::uint32_t seed) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 namespace rsfm {
 
@@ -30,8 +31,24 @@ constexpr float UnitFloat(std::uint32_t hash) { return static_cast<float>(hash >
 float GradientNoise(float x, float y, std::uint32_t seed);
 float GradientNoise(float x, float y, float z, std::uint32_t seed);
 
-// The same, repeating with a whole period in both directions. Precondition: period > 0.
-float TiledNoise(float x, float y, int period, std::uint32_t seed);
+// The same, repeating every `period` cells in both directions, for whole rows of a grid of
+// `size` x `size` points over the period: its gradients are computed once.
+class TiledNoise {
+ public:
+  // Preconditions: 0 < period <= size, and size is a multiple of period.
+  TiledNoise(int period, int size, std::uint32_t seed);
+
+  // row[x] += weight * noise at the centre of grid point (x, y), for x in [0, size).
+  void AddRow(int y, float weight, float* row) const;
+
+ private:
+  struct Gradient {
+    float x, y;
+  };
+  int period_;
+  int size_;
+  std::vector<Gradient> gradients_;  // (period + 1)^2, the last row and column as the first
+};
 
 // Sum of octaves: each of twice the frequency and `gain` times the amplitude of the one before. Not
 // normalised.

@@ -271,9 +271,9 @@ class Seafloor final : public Scene {
     const float u = local[(axis + 1) % 3] + static_cast<float>(stone.texture_offset_m.x());
     const float v = local[(axis + 2) % 3] + static_cast<float>(stone.texture_offset_m.y());
     const float level = RoughLog2(point.footprint_m) + point.lod_dither;
-    const Float4 fine = 0.35f + 0.65f * sand_.Sample(u, v, level);
+    const Float4 fine = 0.20f + 0.80f * gravel_.Sample(u, v, level);
     const Float4 coarse =
-        0.30f + 0.70f * gravel_.Sample(kCoarse * u + 7.0f, kCoarse * v, level + RoughLog2(kCoarse));
+        0.30f + 0.70f * sand_.Sample(kCoarse * u + 7.0f, kCoarse * v, level + RoughLog2(kCoarse));
     const Float4 tint = {stone.tint[0], stone.tint[1], stone.tint[2], 1.0f};
     return ToRgb(tint * fine * coarse);
   }

@@ -16,7 +16,7 @@ struct SeafloorOptions {
   double relief_length_m = 4.0;   // their size
   double ripple_height_m = 0.02;  // crest to trough; 0: none
   double ripple_length_m = 0.22;
-  double stones_per_m2 = 1.5;
+  double stones_per_m2 = 4.0;
   double stone_min_radius_m = 0.03;
   double stone_max_radius_m = 0.30;
   double poor_fraction = 0.08;   // of the area: sand with hardly any texture

@@ -39,6 +39,8 @@ class MissionBuilder {
     if (!camera) return Refuse("rig.camera", camera.error().where, "correct the rig");
     PlanShots();
     if (auto status = PlanArea(*camera); !status) return Fail(status.error());
+    auto folder = AtomicFolder::Create(out, Existing::kReplace);
+    if (!folder) return Fail(folder.error());
     const auto scene = MakeSeafloor(scenario_.seafloor, hooks_.num_threads);
     const auto caster = RayCaster::Create(scene->meshes());
     if (caster == nullptr) {
@@ -51,8 +53,6 @@ class MissionBuilder {
       return Refuse("rig", "hardly any pixel has a ray through the port into the water",
                     "check the lens parameters and the port");
     }
-    auto folder = AtomicFolder::Create(out, Existing::kReplace);
-    if (!folder) return Fail(folder.error());
     if (auto status = WriteNavigation(folder->aside(), *scene, *caster); !status) {
       return Fail(status.error());
     }

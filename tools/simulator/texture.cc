@@ -219,21 +219,20 @@ void PaintPebbles(const PebbleStyle& style, Texture* texture) {
 }
 
 void PaintTiledNoise(const TiledNoiseStyle& style, int num_threads, Texture* texture) {
-  const auto width = static_cast<float>(texture->width());
+  std::vector<TiledNoise> octaves;
+  for (int i = 0; i < style.octaves; ++i) {
+    octaves.emplace_back(style.period << i, texture->width(),
+                         Hash(style.seed, static_cast<std::uint32_t>(i)));
+  }
   ParallelFor(texture->height(), num_threads, [&](int y) {
+    std::vector<float> row(static_cast<std::size_t>(texture->width()), 1.0f);
+    float weight = style.amplitude;
+    for (const TiledNoise& octave : octaves) {
+      octave.AddRow(y, weight, row.data());
+      weight *= style.gain;
+    }
     for (int x = 0; x < texture->width(); ++x) {
-      float sum = 0.0f;
-      float weight = style.amplitude;
-      int cells = style.period;
-      for (int i = 0; i < style.octaves; ++i) {
-        const float scale = static_cast<float>(cells) / width;
-        sum += weight * TiledNoise((static_cast<float>(x) + 0.5f) * scale,
-                                   (static_cast<float>(y) + 0.5f) * scale, cells,
-                                   Hash(style.seed, static_cast<std::uint32_t>(i)));
-        weight *= style.gain;
-        cells *= 2;
-      }
-      const float factor = std::max(0.1f, 1.0f + sum);
+      const float factor = std::max(0.1f, row[x]);
       texture->Multiply(x, y, {factor, factor, factor});
     }
   });

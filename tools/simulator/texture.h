@@ -70,7 +70,7 @@ struct PebbleStyle {
 void PaintPebbles(const PebbleStyle& style, Texture* texture);
 
 // Multiplies by 1 + amplitude * noise, `octaves` of it, the coarsest `period` cells to the
-// texture's width. The result repeats with the texture.
+// texture's width. The result repeats with the texture, which is square.
 struct TiledNoiseStyle {
   int period = 16;
   int octaves = 5;

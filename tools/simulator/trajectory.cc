@@ -122,7 +122,7 @@ class Lawnmower final : public Trajectory {
     center_ = 0.5 * Vec2(options_.leg_length_m, (options_.legs - 1) * options_.leg_spacing_m);
   }
 
-  double SpeedLimit(double s) const {
+  double LimitAt(double s) const {
     std::size_t i = segments_.size() - 1;
     while (i > 0 && start_of_[i] > s) --i;
     const double curvature = std::abs(segments_[i].curvature);
@@ -132,6 +132,11 @@ class Lawnmower final : public Trajectory {
                                ? options_.max_turn_rate_dps * kRad / curvature
                                : options_.speed_mps;
     return std::min({options_.speed_mps, by_drift, by_rate});
+  }
+
+  // Of the steps to both sides, as the speed changes linearly in between.
+  double SpeedLimit(double s) const {
+    return std::min({LimitAt(s - step_m_), LimitAt(s), LimitAt(s + step_m_)});
   }
 
   // The fastest profile within the limits of speed and acceleration, tabulated over the path.
