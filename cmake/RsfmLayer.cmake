@@ -27,5 +27,7 @@ function(rsfm_add_layer name)
   set_property(GLOBAL APPEND PROPERTY RSFM_LAYER_TARGETS ${target})
   install(TARGETS ${target} EXPORT rsfmTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
   cmake_path(RELATIVE_PATH CMAKE_CURRENT_SOURCE_DIR BASE_DIRECTORY ${PROJECT_SOURCE_DIR}/sdk OUTPUT_VARIABLE folder)
-  install(FILES ${ARG_HEADERS} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/rsfm/${folder})
+  # sdk/base is installed as rsfm/base, drivers/lcm as rsfm_drivers/lcm: as they are included in the tree.
+  string(REGEX REPLACE "^rsfm/\\.\\./drivers/" "rsfm_drivers/" folder "rsfm/${folder}")
+  install(FILES ${ARG_HEADERS} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/${folder})
 endfunction()

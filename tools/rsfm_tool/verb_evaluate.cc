@@ -60,7 +60,12 @@ IoExpected<Evaluation> EvaluatePaths(const EvaluateOptions& options, Alignment a
   }
   const auto mission = ReadMission(options.model, {.keep_descriptors = false});
   if (!mission) return Fail(mission.error());
-  return Evaluate(ModelFromMission(*mission), TrajectoryOf(*mission), *truth, alignment);
+  const std::vector<TrajectoryPose> trajectory = TrajectoryOf(*mission);
+  if (trajectory.empty()) {
+    return Fail({Errc::kInvalidArgument, options.model, "", "holds no tracked pose",
+                 "give a mission whose mapper has run, or a model"});
+  }
+  return Evaluate(ModelFromMission(*mission), trajectory, *truth, alignment);
 }
 
 }  // namespace

@@ -1,0 +1,112 @@
+// One bus object over LCM: typed publish and subscribe, with everything that goes wrong counted.
+//
+// Providers by URL: udpm://239.255.76.67:7667?ttl=0 (multicast), memq:// (within the process),
+// file://events.lcm?... (replay or record). One thread handles messages; any thread may publish.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "rsfm/base/time.h"
+#include "rsfm/io/diagnostic.h"
+#include "rsfm/io/messages.h"
+#include "rsfm/io/nav_messages.h"
+#include "rsfm/io/rig.h"
+
+namespace rsfm {
+
+struct LcmBusOptions {
+  std::string url;  // empty: LCM_DEFAULT_URL, else LCM's own default
+  // Socket buffer of udpm where the URL does not name one: images' neighbours on a bus come in
+  // bursts that the system's default loses.
+  int recv_buf_bytes = 4 << 20;
+  // Messages of one channel that wait for Handle(); beyond it the oldest are dropped.
+  int queue_capacity = 256;
+};
+
+struct LcmBusCounters {
+  std::int64_t published = 0;
+  std::int64_t publish_errors = 0;
+  std::int64_t received = 0;
+  std::int64_t malformed = 0;  // wrong fingerprint, truncated, impossible counts: dropped
+};
+
+class LcmBus {
+ public:
+  using RawHandler = std::function<void(std::string_view channel, Utime received_utime,
+                                        std::span<const std::uint8_t> data)>;
+
+  static IoExpected<std::unique_ptr<LcmBus>> Create(const LcmBusOptions& options);
+  LcmBus(const LcmBus&) = delete;
+  LcmBus& operator=(const LcmBus&) = delete;
+  ~LcmBus();
+
+  // False, and counted, when LCM refuses. Never waits for a receiver.
+  bool PublishRaw(const std::string& channel, std::span<const std::uint8_t> data);
+  template <class Message>
+  bool Publish(const std::string& channel, const Message& message) {
+    std::vector<std::uint8_t> bytes;
+    if (Encode(message, &bytes)) return PublishRaw(channel, bytes);
+    CountPublishError();
+    return false;
+  }
+
+  // The channel's name is taken literally. Handlers run within Handle().
+  void SubscribeRaw(const std::string& channel, RawHandler handler);
+  template <class Message>
+  void Subscribe(const std::string& channel,
+                 std::function<void(Utime received_utime, const Message&)> handler) {
+    SubscribeRaw(channel,
+                 [this, handler = std::move(handler)](std::string_view, Utime received_utime,
+                                                      std::span<const std::uint8_t> data) {
+                   Message message;
+                   if (Decode(data, &message)) {
+                     handler(received_utime, message);
+                   } else {
+                     CountMalformed();
+                   }
+                 });
+  }
+
+  // Waits up to timeout_ms for a message, then handles all that are there. How many that were;
+  // kIo when the provider fails (a replayed file has ended).
+  IoExpected<int> Handle(int timeout_ms);
+
+  LcmBusCounters counters() const;
+  void CountMalformed();
+
+ private:
+  struct Impl;
+  explicit LcmBus(std::unique_ptr<Impl> impl);
+  void CountPublishError();
+
+  std::unique_ptr<Impl> impl_;
+};
+
+// Listens to all inputs of a rig and turns them into samples of the body's origin.
+class NavReceiver {
+ public:
+  // `on_event` sees every message before it is decoded: what a mission's log records.
+  NavReceiver(LcmBus* bus, const Rig& rig, std::function<void(const NavSample&)> on_sample,
+              LcmBus::RawHandler on_event = {});
+  NavReceiver(const NavReceiver&) = delete;
+  NavReceiver& operator=(const NavReceiver&) = delete;
+
+  std::int64_t num_samples() const { return num_samples_; }
+  std::int64_t num_rejected() const { return num_rejected_; }
+  const NavConverter& converter() const { return converter_; }
+
+ private:
+  NavConverter converter_;
+  std::function<void(const NavSample&)> on_sample_;
+  LcmBus::RawHandler on_event_;
+  std::int64_t num_samples_ = 0;
+  std::int64_t num_rejected_ = 0;
+};
+
+}  // namespace rsfm

@@ -1,0 +1,102 @@
+// The bus on memq: typed messages arrive, malformed ones are counted and dropped.
+#include "rsfm_drivers/lcm/bus.h"
+
+#include <gtest/gtest.h>
+
+namespace rsfm {
+namespace {
+
+std::unique_ptr<LcmBus> MemoryBus() {
+  LcmBusOptions options;
+  options.url = "memq://";
+  auto bus = LcmBus::Create(options);
+  EXPECT_TRUE(bus);
+  return std::move(*bus);
+}
+
+depth_t Depth(Utime utime, double depth_m) {
+  depth_t message = {};
+  message.utime = utime;
+  message.valid = 1;
+  message.depth_m = depth_m;
+  return message;
+}
+
+TEST(BusTest, TypedMessagesArriveInOrder) {
+  const auto bus = MemoryBus();
+  std::vector<double> depths;
+  bus->Subscribe<depth_t>("RSFM_DEPTH",
+                          [&](Utime, const depth_t& m) { depths.push_back(m.depth_m); });
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(bus->Publish("RSFM_DEPTH", Depth(i, 10.0 + i)));
+  EXPECT_TRUE(bus->Publish("RSFM_DEPTH_OTHER", Depth(9, 9.0)));
+  const auto handled = bus->Handle(1000);
+  ASSERT_TRUE(handled);
+  EXPECT_EQ(*handled, 3);
+  EXPECT_EQ(depths, (std::vector<double>{10.0, 11.0, 12.0}));
+  EXPECT_EQ(bus->counters().published, 4);
+  EXPECT_EQ(bus->counters().received, 3);
+  EXPECT_EQ(bus->counters().malformed, 0);
+}
+
+TEST(BusTest, ChannelNamesAreLiteral) {
+  const auto bus = MemoryBus();
+  int count = 0;
+  bus->Subscribe<depth_t>("D.*", [&](Utime, const depth_t&) { ++count; });
+  EXPECT_TRUE(bus->Publish("DEPTH", Depth(1, 1.0)));
+  EXPECT_TRUE(bus->Publish("D.*", Depth(1, 1.0)));
+  ASSERT_TRUE(bus->Handle(1000));
+  EXPECT_EQ(count, 1);
+}
+
+TEST(BusTest, MalformedMessagesAreCountedAndDropped) {
+  const auto bus = MemoryBus();
+  int count = 0;
+  bus->Subscribe<depth_t>("C", [&](Utime, const depth_t&) { ++count; });
+  std::vector<std::uint8_t> bytes;
+  ASSERT_TRUE(Encode(Depth(1, 2.0), &bytes));
+  EXPECT_TRUE(bus->PublishRaw("C", std::span(bytes.data(), bytes.size() - 1)));
+  bytes[0] ^= 0x80;
+  EXPECT_TRUE(bus->PublishRaw("C", bytes));
+  EXPECT_TRUE(bus->Publish("C", nav_t{}));  // a good message of another type
+  ASSERT_TRUE(bus->Handle(1000));
+  EXPECT_EQ(count, 0);
+  EXPECT_EQ(bus->counters().malformed, 3);
+}
+
+TEST(BusTest, WhatCannotBeEncodedIsAPublishError) {
+  const auto bus = MemoryBus();
+  keyframe_t keyframe = {};
+  keyframe.num_features = 5;
+  EXPECT_FALSE(bus->Publish("K", keyframe));
+  EXPECT_EQ(bus->counters().publish_errors, 1);
+}
+
+TEST(BusTest, NavReceiverTurnsInputsIntoSamples) {
+  const auto bus = MemoryBus();
+  std::vector<NavSample> samples;
+  int num_events = 0;
+  const NavReceiver receiver(
+      bus.get(), Rig(), [&](const NavSample& s) { samples.push_back(s); },
+      [&](std::string_view, Utime, std::span<const std::uint8_t>) { ++num_events; });
+  EXPECT_TRUE(bus->Publish("RSFM_DEPTH", Depth(7, 12.5)));
+  EXPECT_TRUE(bus->Publish("RSFM_DEPTH", Depth(8, std::nan(""))));
+  EXPECT_TRUE(bus->Publish("RSFM_NAV", Depth(9, 1.0)));
+  while (num_events < 3) ASSERT_GT(*bus->Handle(1000), 0);
+  ASSERT_EQ(samples.size(), 1u);
+  EXPECT_EQ(samples[0].utime, 7);
+  EXPECT_EQ(samples[0].depth_m, 12.5);
+  EXPECT_EQ(receiver.num_rejected(), 1);
+  EXPECT_EQ(bus->counters().malformed, 1);
+}
+
+TEST(BusTest, AnImpossibleUrlIsTheRequestsFault) {
+  LcmBusOptions options;
+  options.url = "nothing://";
+  const auto bus = LcmBus::Create(options);
+  ASSERT_FALSE(bus);
+  EXPECT_EQ(ExitCode(bus.error()), 2);
+  EXPECT_NE(bus.error().field.find("nothing://"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace rsfm
