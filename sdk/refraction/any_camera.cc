@@ -121,13 +121,8 @@ Projection AnyCamera::Backproject(const Vec2& pixel, Ray3* ray_in_camera) const 
 
 void AnyCamera::Project(std::span<const Vec3> points_in_camera, std::span<Vec2> pixels,
                         std::span<Projection> statuses) const noexcept {
-  std::visit(
-      [&](const auto& camera) {
-        for (std::size_t i = 0; i < points_in_camera.size(); ++i) {
-          statuses[i] = camera.Project(points_in_camera[i], &pixels[i]);
-        }
-      },
-      camera_);
+  std::visit([&](const auto& camera) { camera.Project(points_in_camera, pixels, statuses); },
+             camera_);
 }
 
 void AnyCamera::Backproject(std::span<const Vec2> pixels, std::span<Ray3> rays_in_camera,

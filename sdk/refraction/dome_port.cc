@@ -304,6 +304,16 @@ Projection DomePort::RefractToWater(const Vec3& direction, Ray3* ray) const noex
   return Projection::kOk;
 }
 
+bool DomePort::RefractToAir(PortBlock* block) const noexcept {
+  const DomeBlockParams params = {.center = {center_.x(), center_.y(), center_.z()},
+                                  .inner = inner_,
+                                  .outer = outer_,
+                                  .air_to_glass = air_to_glass_,
+                                  .air_to_water = air_to_water_};
+  SolveDomeBlock(params, block);
+  return true;
+}
+
 int DomePort::CountSteps(const Vec3& point) const noexcept {
   Plane plane;
   Path path;

@@ -13,6 +13,7 @@
 #pragma once
 
 #include "rsfm/refraction/port.h"
+#include "rsfm/refraction/port_batch.h"
 
 namespace rsfm {
 
@@ -31,6 +32,8 @@ class DomePort {
                           Mat3* d_direction_d_point) const noexcept;
   Projection RefractToAir(const Vec3& point, Vec3* direction, AirJacobian* jacobian) const noexcept;
   Projection RefractToWater(const Vec3& direction, Ray3* ray) const noexcept;
+  // Settles what it can of a block of points.
+  bool RefractToAir(PortBlock* block) const noexcept;
   // The decentring direction; the optical axis for a centred dome.
   Vec3 Axis() const noexcept;
 

@@ -221,6 +221,22 @@ Projection FlatPort::RefractToWater(const Vec3& direction, Ray3* ray) const noex
   return Projection::kOk;
 }
 
+bool FlatPort::RefractToAir(PortBlock* block) const noexcept {
+  if (lowest_ != 0) return false;
+  const FlatBlockParams params = {.normal = {normal_.x(), normal_.y(), normal_.z()},
+                                  .distance = distance_,
+                                  .thickness = thickness_,
+                                  .invariant_ratio = index_[2] / index_[0],
+                                  .apparent_air = depth_ratio_[0],
+                                  .apparent_glass = depth_ratio_[1],
+                                  .ratio_glass = ratio_[1],
+                                  .ratio_water = ratio_[2],
+                                  .excess_glass = excess_[1],
+                                  .excess_water = excess_[2]};
+  SolveFlatBlock(params, block);
+  return true;
+}
+
 int FlatPort::CountSteps(const Vec3& point) const noexcept {
   Path path;
   return Solve(point, &path) == Projection::kOk ? path.steps : 0;

@@ -12,6 +12,7 @@
 #pragma once
 
 #include "rsfm/refraction/port.h"
+#include "rsfm/refraction/port_batch.h"
 
 namespace rsfm {
 
@@ -29,6 +30,8 @@ class FlatPort {
                           Mat3* d_direction_d_point) const noexcept;
   Projection RefractToAir(const Vec3& point, Vec3* direction, AirJacobian* jacobian) const noexcept;
   Projection RefractToWater(const Vec3& direction, Ray3* ray) const noexcept;
+  // Settles what it can of a block of points; false when this port has no such path.
+  bool RefractToAir(PortBlock* block) const noexcept;
   Vec3 Axis() const noexcept { return normal_; }
 
   // How many evaluations the last stage took for this point: for tests of the bound.

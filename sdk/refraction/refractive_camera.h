@@ -1,11 +1,14 @@
 // A lens behind a port, composed at compile time.
 #pragma once
 
+#include <cstddef>
+#include <span>
 #include <type_traits>
 
 #include "rsfm/camera/lens.h"
 #include "rsfm/refraction/no_port.h"
 #include "rsfm/refraction/port.h"
+#include "rsfm/refraction/port_batch.h"
 
 namespace rsfm {
 
@@ -94,6 +97,33 @@ struct RefractiveCamera {
       jacobian->d_pixel_d_port.setZero();
     }
     return Projection::kOk;
+  }
+
+  // All spans have the same length.
+  void Project(std::span<const Vec3> points, std::span<Vec2> pixels,
+               std::span<Projection> statuses) const noexcept {
+    std::size_t first = 0;
+    if constexpr (kHasPort) {
+      PortBlock block;
+      for (; first + kPortBlock <= points.size(); first += kPortBlock) {
+        for (int i = 0; i < kPortBlock; ++i) {
+          const Vec3& point = points[first + i];
+          block.x[i] = point.x();
+          block.y[i] = point.y();
+          block.z[i] = point.z();
+        }
+        if (!port.RefractToAir(&block)) break;
+        for (int i = 0; i < kPortBlock; ++i) {
+          const std::size_t k = first + i;
+          const Vec3 direction(block.direction_x[i], block.direction_y[i], block.direction_z[i]);
+          statuses[k] = block.settled[i] != 0.0
+                            ? FromLensStatus(lens.Project(direction, &pixels[k]))
+                            : Project(points[k], &pixels[k]);
+        }
+      }
+    }
+    for (std::size_t k = first; k < points.size(); ++k)
+      statuses[k] = Project(points[k], &pixels[k]);
   }
 
   Projection Backproject(const Vec2& pixel, Ray3* ray_in_camera) const noexcept {

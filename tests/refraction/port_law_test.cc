@@ -294,6 +294,33 @@ TEST_P(PortLaw, HotPathDoesNotAllocate) {
   for (int i = 0; i < 3; ++i) EXPECT_LT((back[i] - pixels[i]).norm(), 1e-9);
 }
 
+// Batches give what one-by-one gives: statuses exactly, pixels to rounding; points without a path
+// among them.
+TEST_P(PortLaw, BatchesAgreeWithSinglePoints) {
+  Rng rng(28);
+  for (int rig = 0; rig < 60; ++rig) {
+    const AnyCamera camera = CameraBehind(RandomPort(GetParam(), rig % 2 == 1, &rng));
+    std::vector<Vec3> points;
+    for (int i = 0; i < 333; ++i) {
+      points.push_back(std::pow(10.0, rng.Uniform(-3.0, 2.0)) *
+                       Vec3(rng.Gaussian(), rng.Gaussian(), std::abs(rng.Gaussian())));
+    }
+    points[7].x() = std::nan("");
+    points[70] = Vec3::Zero();
+    points[100] = 3.0 * camera.RefractionAxis();
+    std::vector<Vec2> pixels(points.size(), Vec2(-7, -7));
+    std::vector<Projection> statuses(points.size());
+    camera.Project(points, pixels, statuses);
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      Vec2 pixel(-7, -7);
+      ASSERT_EQ(statuses[i], camera.Project(points[i], &pixel))
+          << i << " " << points[i].transpose();
+      ASSERT_LT((pixels[i] - pixel).norm(), 1e-9 * (1.0 + 1e-3 * pixel.norm()))
+          << i << " " << points[i].transpose();
+    }
+  }
+}
+
 TEST(DomeLaw, CentredDomeIsCentralWhateverItsGlass) {
   const AnyCamera dome = CameraBehind(CentredDomePort()), bare = CameraBehind(PortConfig{});
   Rng rng(27);
