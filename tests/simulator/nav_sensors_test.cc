@@ -7,7 +7,7 @@
 
 #include "rsfm/base/so3.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr Utime kStart = 1'700'000'000'000'000;
@@ -169,4 +169,4 @@ TEST_F(NavSensorsTest, MergingUnitesWhatWasMeasuredTogether) {
 }
 
 }  // namespace
-}  // namespace rsfm
+}  // namespace rsfm::simulator

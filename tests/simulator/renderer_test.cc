@@ -6,7 +6,7 @@
 
 #include <cmath>
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 // A level plane with soft bright dots on a grid. Their sigma is some 1.5 px: the curvature of the
@@ -291,4 +291,4 @@ TEST(WaterTest, BackscatterGrowsToTheVeil) {
 }
 
 }  // namespace
-}  // namespace rsfm
+}  // namespace rsfm::simulator

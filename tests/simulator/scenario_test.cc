@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 using ::testing::HasSubstr;
@@ -132,4 +132,4 @@ TEST(ScenarioTest, BrokenYamlIsNamedWithItsLine) {
 }
 
 }  // namespace
-}  // namespace rsfm
+}  // namespace rsfm::simulator

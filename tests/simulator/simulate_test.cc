@@ -10,7 +10,7 @@
 #include "rsfm/io/trajectory.h"
 #include "tests/support/temporary_folder.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 namespace fs = std::filesystem;
@@ -147,4 +147,4 @@ TEST(SimulateTest, RefusesWhatCannotBeRendered) {
 }
 
 }  // namespace
-}  // namespace rsfm
+}  // namespace rsfm::simulator

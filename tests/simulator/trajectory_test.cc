@@ -7,7 +7,7 @@
 
 #include "rsfm/base/so3.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 LawnmowerOptions Steady() {
@@ -98,4 +98,4 @@ TEST(LawnmowerTest, SeedDecidesTheSwayAlone) {
 }
 
 }  // namespace
-}  // namespace rsfm
+}  // namespace rsfm::simulator

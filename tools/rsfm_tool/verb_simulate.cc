@@ -25,14 +25,14 @@ CLI::App* DeclareSimulate(CLI::App& app, SimulateOptions* options) {
 
 int RunSimulate(const SimulateOptions& options) {
   std::vector<Diagnostic> problems;
-  auto scenario = ReadScenario(options.scenario, &problems);
+  auto scenario = simulator::ReadScenario(options.scenario, &problems);
   if (!scenario) {
     for (std::size_t i = 1; i < problems.size(); ++i) Report(problems[i]);
     return Report(scenario.error());
   }
   if (options.max_images > 0) scenario->images.max_images = options.max_images;
 
-  SimulationHooks hooks;
+  simulator::SimulationHooks hooks;
   hooks.num_threads = options.threads > 0
                           ? options.threads
                           : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
@@ -42,7 +42,7 @@ int RunSimulate(const SimulateOptions& options) {
     progress->Update(done);
   };
   hooks.is_interrupted = IsInterrupted;
-  auto report = Simulate(*scenario, options.out, hooks);
+  auto report = simulator::Simulate(*scenario, options.out, hooks);
   if (!report) {
     progress.reset();
     Diagnostic problem = report.error();

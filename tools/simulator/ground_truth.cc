@@ -5,7 +5,7 @@
 
 #include "rsfm/io/atomic_output.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "the files below are little-endian");
@@ -67,4 +67,4 @@ IoStatus WritePfm(int width, int height, const std::vector<float>& values,
   return WriteFileAtomically(path, bytes);
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

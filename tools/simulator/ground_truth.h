@@ -7,7 +7,7 @@
 #include "rsfm/io/diagnostic.h"
 #include "tools/simulator/scene.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 // The scene's meshes as one binary PLY, in world coordinates (single precision).
 IoStatus WriteMeshPly(const Scene& scene, const std::filesystem::path& path);
@@ -16,4 +16,4 @@ IoStatus WriteMeshPly(const Scene& scene, const std::filesystem::path& path);
 IoStatus WritePfm(int width, int height, const std::vector<float>& values,
                   const std::filesystem::path& path);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

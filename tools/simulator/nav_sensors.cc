@@ -6,7 +6,7 @@
 
 #include "rsfm/base/rng.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr double kRad = std::numbers::pi / 180.0;
@@ -184,4 +184,4 @@ std::vector<NavSample> MergeSamples(const std::vector<NavMeasurement>& measureme
   return samples;
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -8,7 +8,7 @@
 #include "rsfm/navigation/nav_sample.h"
 #include "tools/simulator/trajectory.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 struct SensorTiming {
   bool enabled = true;
@@ -71,4 +71,4 @@ std::vector<NavMeasurement> SimulateNavigation(const Trajectory& trajectory, Uti
 // One sample per time stamp: the measurements' fields united. Strictly increasing.
 std::vector<NavSample> MergeSamples(const std::vector<NavMeasurement>& measurements);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

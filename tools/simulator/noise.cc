@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 float Fade(float t) { return t * t * t * (t * (t * 6.0f - 15.0f) + 10.0f); }
@@ -107,4 +107,4 @@ float FractalNoise(float x, float y, int octaves, float gain, std::uint32_t seed
   return sum;
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

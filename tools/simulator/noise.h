@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 // A bijective 32-bit mix.   [Wellons, "Prospecting for Hash Functions", 2018: lowbias32]
 constexpr std::uint32_t Hash(std::uint32_t x) {
@@ -54,4 +54,4 @@ class TiledNoise {
 // normalised.
 float FractalNoise(float x, float y, int octaves, float gain, std::uint32_t seed);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

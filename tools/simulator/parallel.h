@@ -6,7 +6,7 @@
 #include <thread>
 #include <vector>
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 // Calls body(i) for each i in [0, count), in any order, from up to num_threads threads. The result
 // must not depend on the order; body must not throw.
@@ -21,4 +21,4 @@ void ParallelFor(int count, int num_threads, const Body& body) {
   work();
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -5,7 +5,7 @@
 #include <cstring>
 #include <limits>
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr std::size_t kPacket = 8;
@@ -110,4 +110,4 @@ std::unique_ptr<RayCaster> RayCaster::Create(std::span<const TriangleMesh> meshe
   return std::make_unique<EmbreeCaster>(device, meshes);
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -6,7 +6,7 @@
 
 #include "tools/simulator/scene.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 // Structure of arrays: what Embree's packets and the compiler's vectors both like.
 struct RaySoa {
@@ -37,4 +37,4 @@ class RayCaster {
   virtual std::optional<RayHit> Trace(const Vec3f& origin, const Vec3f& direction) const = 0;
 };
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -8,7 +8,7 @@
 
 #include "tools/simulator/noise.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr int kNoiseBits = 12;
@@ -293,4 +293,4 @@ void Renderer::RenderRange(const Rigid3& world_from_camera, std::vector<float>* 
   }
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

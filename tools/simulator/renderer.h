@@ -9,7 +9,7 @@
 #include "tools/simulator/ray_caster.h"
 #include "tools/simulator/water.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 // Row by row, 8-bit blue, green, red: OpenCV's order.
 struct RenderedImage {
@@ -71,4 +71,4 @@ class Renderer {
   std::vector<std::uint8_t> tone_curve_;  // linear to 8 bit
 };
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -8,7 +8,7 @@
 #include "rsfm/io/text.h"
 #include "rsfm/io/yaml_map.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr std::size_t kMaxScenarioBytes = std::size_t{1} << 20;
@@ -313,4 +313,4 @@ IoExpected<Scenario> ReadScenario(const std::filesystem::path& path,
   return ParseScenario(*text, path, problems);
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

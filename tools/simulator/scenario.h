@@ -10,7 +10,7 @@
 #include "tools/simulator/trajectory.h"
 #include "tools/simulator/water.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 struct ImageOptions {
   enum class Format { kPng, kJpeg };
@@ -49,4 +49,4 @@ IoExpected<Scenario> ReadScenario(const std::filesystem::path& path,
 IoExpected<Scenario> ParseScenario(const std::string& text, const std::filesystem::path& path,
                                    std::vector<Diagnostic>* problems = nullptr);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

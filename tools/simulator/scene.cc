@@ -2,7 +2,7 @@
 
 #include <Eigen/Geometry>
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 void ComputeNormals(TriangleMesh* mesh) {
   mesh->normals.assign(mesh->vertices.size(), Vec3f::Zero());
@@ -14,4 +14,4 @@ void ComputeNormals(TriangleMesh* mesh) {
   for (Vec3f& normal : mesh->normals) normal.normalize();
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -12,7 +12,7 @@
 
 #include "rsfm/base/linear.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 using Vec3f = Eigen::Vector3f;
 using Rgb = std::array<float, 3>;  // linear, [0, 1] for an albedo
@@ -46,4 +46,4 @@ class Scene {
   virtual Vec3 WorldOffset() const = 0;
 };
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

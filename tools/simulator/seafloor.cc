@@ -10,7 +10,7 @@
 #include "tools/simulator/stones.h"
 #include "tools/simulator/texture.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr int kTileTexels = 2048;
@@ -299,4 +299,4 @@ std::unique_ptr<Scene> MakeSeafloor(const SeafloorOptions& options, int num_thre
   return std::make_unique<Seafloor>(options, num_threads);
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

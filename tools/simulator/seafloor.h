@@ -6,7 +6,7 @@
 
 #include "tools/simulator/scene.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 struct SeafloorOptions {
   Vec2 min_ne_m = Vec2(-5.0, -5.0);  // area covered, world north and east
@@ -28,4 +28,4 @@ struct SeafloorOptions {
 
 std::unique_ptr<Scene> MakeSeafloor(const SeafloorOptions& options, int num_threads);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -14,7 +14,7 @@
 #include "tools/simulator/ground_truth.h"
 #include "tools/simulator/parallel.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr double kMaxAreaM2 = 20000.0;
@@ -339,4 +339,4 @@ IoExpected<SimulationReport> Simulate(const Scenario& scenario, const std::files
   return MissionBuilder(scenario, hooks).Run(out);
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -7,7 +7,7 @@
 
 #include "tools/simulator/scenario.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 struct SimulationHooks {
   int num_threads = 2;
@@ -28,4 +28,4 @@ struct SimulationReport {
 IoExpected<SimulationReport> Simulate(const Scenario& scenario, const std::filesystem::path& out,
                                       const SimulationHooks& hooks);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -6,7 +6,7 @@
 #include "rsfm/base/so3.h"
 #include "tools/simulator/noise.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 TriangleMesh Icosahedron() {
@@ -65,4 +65,4 @@ void AppendStone(const TriangleMesh& sphere, const Stone& stone, Rng* rng, Trian
   }
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

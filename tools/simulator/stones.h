@@ -4,7 +4,7 @@
 #include "rsfm/base/rng.h"
 #include "tools/simulator/scene.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 struct Stone {
   Vec3f center_in_scene;
@@ -19,4 +19,4 @@ TriangleMesh MakeIcosphere(int levels);
 // Appends a deformed copy of `sphere` (unit icosphere) to `mesh`; normals are left to the caller.
 void AppendStone(const TriangleMesh& sphere, const Stone& stone, Rng* rng, TriangleMesh* mesh);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -8,7 +8,7 @@
 #include "tools/simulator/noise.h"
 #include "tools/simulator/parallel.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 using Bytes16 = std::uint8_t __attribute__((vector_size(16)));
@@ -238,4 +238,4 @@ void PaintTiledNoise(const TiledNoiseStyle& style, int num_threads, Texture* tex
   });
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -7,7 +7,7 @@
 
 #include "tools/simulator/scene.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 // Four channels in one vector register: red, green, blue, and the fourth. Arithmetic is per
 // channel.
@@ -80,4 +80,4 @@ struct TiledNoiseStyle {
 };
 void PaintTiledNoise(const TiledNoiseStyle& style, int num_threads, Texture* texture);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -8,7 +8,7 @@
 
 #include "rsfm/base/rng.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr double kPi = std::numbers::pi;
@@ -201,4 +201,4 @@ std::unique_ptr<Trajectory> MakeLawnmower(const LawnmowerOptions& options, doubl
   return std::make_unique<Lawnmower>(options, floor_depth_m);
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

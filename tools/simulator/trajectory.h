@@ -5,7 +5,7 @@
 
 #include "rsfm/base/rigid3.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 struct BodyMotion {
   Rigid3 world_from_body;                    // world: NED; body: FRD
@@ -56,4 +56,4 @@ struct LawnmowerOptions {
 // speed, limits and period positive.
 std::unique_ptr<Trajectory> MakeLawnmower(const LawnmowerOptions& options, double floor_depth_m);
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-namespace rsfm {
+namespace rsfm::simulator {
 namespace {
 
 constexpr float kTableStepM = 0.02f;
@@ -102,4 +102,4 @@ Rgb Water::Shade(const Vec3f& point, const Vec3f& normal, float range_m, const R
   return value;
 }
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator

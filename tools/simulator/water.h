@@ -10,7 +10,7 @@
 
 #include "tools/simulator/scene.h"
 
-namespace rsfm {
+namespace rsfm::simulator {
 
 struct Strobe {
   Vec3 position_in_camera = Vec3::Zero();  // metres
@@ -66,4 +66,4 @@ class Water {
   Rgb veil_ = {0.0f, 0.0f, 0.0f};
 };
 
-}  // namespace rsfm
+}  // namespace rsfm::simulator
