@@ -122,7 +122,11 @@ class ComposedLens {
   // From the distorted point, which takes three or four steps for every lens that people use; where
   // that does not settle, once more from the centre, where every distortion is nearly the identity.
   bool Undistort(const Vec2& q, Vec2* result) const noexcept {
-    return Newton(q, q, result) || Newton(q, Vec2::Zero(), result);
+    Vec2 start = q;
+    if constexpr (requires { Distortion::UndistortStart(distortion(), q); }) {
+      start = Distortion::UndistortStart(distortion(), q);
+    }
+    return Newton(q, start, result) || Newton(q, Vec2::Zero(), result);
   }
 
   bool Newton(const Vec2& q, const Vec2& start, Vec2* result) const noexcept {
@@ -136,8 +140,9 @@ class ComposedLens {
       const double determinant = d_q_d_p.determinant();
       if (!(determinant > 0.0)) return false;
       const Vec2 residual = value - q;
-      Vec2 delta((d_q_d_p(1, 1) * residual.x() - d_q_d_p(0, 1) * residual.y()) / determinant,
-                 (d_q_d_p(0, 0) * residual.y() - d_q_d_p(1, 0) * residual.x()) / determinant);
+      const double inverse = 1.0 / determinant;
+      const Vec2 delta(inverse * (d_q_d_p(1, 1) * residual.x() - d_q_d_p(0, 1) * residual.y()),
+                       inverse * (d_q_d_p(0, 0) * residual.y() - d_q_d_p(1, 0) * residual.x()));
       Vec2 next = p - delta;
       // Stay where the distortion is monotone: go half of the way to its edge at most.
       const double radius_squared = next.squaredNorm();

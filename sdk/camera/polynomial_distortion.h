@@ -100,6 +100,18 @@ struct PolynomialDistortion {
     }
   }
 
+  // Where to start the search for the undistorted point: the radial polynomial's reverted series to
+  // the sixth order in r. [Drap & Lefevre 2016, Sensors 16(6), eqs. (20)-(22)]
+  static Vec2 UndistortStart(const double* k, const Vec2& q) {
+    const double k1 = kLayout.num_radial > 0 ? k[kLayout.radial[0]] : 0.0;
+    const double k2 = kLayout.num_radial > 1 ? k[kLayout.radial[1]] : 0.0;
+    const double k3 = kLayout.num_radial > 2 ? k[kLayout.radial[2]] : 0.0;
+    const double r2 = q.squaredNorm(), k1k1 = k1 * k1;
+    const double factor =
+        r2 * (-k1 + r2 * (3.0 * k1k1 - k2 + r2 * (8.0 * k1 * k2 - 12.0 * k1 * k1k1 - k3)));
+    return std::abs(factor) < 0.3 ? Vec2(q + factor * q) : q;  // else too strong for a series
+  }
+
   // Where r (1 + k1 r^2 + ...) stops growing: the root of 1 + 3 k1 r^2 + 5 k2 r^4 + ...
   static double MaxRadius(const double* k, double upper) {
     std::array<double, kLayout.num_radial + 1> derivative{1.0};

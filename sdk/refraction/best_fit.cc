@@ -1,10 +1,13 @@
 #include "rsfm/refraction/best_fit.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace rsfm {
 namespace {
+
+constexpr int kMaxKeptSamples = 1024;
 
 // Least squares of pixel = focal * slope + centre, from running sums.
 struct LineFit {
@@ -57,10 +60,19 @@ Expected<BestFitPerspective> FitPerspective(const AnyCamera& camera,
       options.grid_rows > 10000) {
     return Fail(Errc::kInvalidArgument, "grid");
   }
+  // The samples are kept for the second pass as far as they fit on the stack.
+  struct Sample {
+    Vec3 point;
+    Vec2 pixel;
+  };
+  std::array<Sample, kMaxKeptSamples> kept;
+  const bool keep = options.grid_columns * options.grid_rows <= kMaxKeptSamples;
+  int num_kept = 0;
   LineFit horizontal, vertical;
   ForEachSample(camera, options, [&](const Vec3& point, const Vec2& pixel) {
     horizontal.Add(point.x() / point.z(), pixel.x());
     vertical.Add(point.y() / point.z(), pixel.y());
+    if (keep) kept[num_kept++] = {point, pixel};
   });
   BestFitPerspective fit;
   if (horizontal.n < 16 || !horizontal.Solve(&fit.fx, &fit.cx) ||
@@ -69,11 +81,16 @@ Expected<BestFitPerspective> FitPerspective(const AnyCamera& camera,
                 static_cast<std::int32_t>(horizontal.n));
   }
   double sum = 0.0, worst = 0.0;
-  ForEachSample(camera, options, [&](const Vec3& point, const Vec2& pixel) {
+  const auto add_error = [&](const Vec3& point, const Vec2& pixel) {
     const double error_squared = (fit.Project(point) - pixel).squaredNorm();
     sum += error_squared;
     worst = std::max(worst, error_squared);
-  });
+  };
+  if (keep) {
+    for (int i = 0; i < num_kept; ++i) add_error(kept[i].point, kept[i].pixel);
+  } else {
+    ForEachSample(camera, options, add_error);
+  }
   fit.rms_error_px = std::sqrt(sum / horizontal.n);
   fit.max_error_px = std::sqrt(worst);
   return fit;
