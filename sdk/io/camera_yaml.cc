@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "rsfm/io/text.h"
+#include "rsfm/refraction/sea_water.h"
 
 namespace rsfm {
 namespace {
@@ -15,6 +16,36 @@ constexpr Bounds kIndexBounds{1.0, kMaxIndex, "give an index of refraction from 
 constexpr Bounds kThicknessBounds{0.0, 1.0, "give metres from 0 to 1"};
 constexpr Bounds kDistanceBounds{0.0, 10.0, "give metres from 0 to 10"};
 constexpr Bounds kRadiusBounds{1e-6, 10.0, "give the inner radius in metres, over 0, up to 10"};
+
+// `water: {temperature_c, salinity_psu, depth_m}` in place of index_water. The index of sea water
+// is relative to air, as the other two are where index_air is 1.
+void ReadWater(YamlMap* port, double index_air, double* index_water) {
+  const YAML::Node node = port->GetMap("water", Need::kRequired);
+  port->Ignore("index_water");
+  if (port->Has("index_water")) {
+    port->AddProblem("index_water", "is given beside water", "keep one of them");
+  }
+  if (!node) return;
+  YamlMap map(node, port->PathOf("water"), port->file(), port->problems());
+  constexpr Bounds kTemperature{0.0, 30.0, "give degrees Celsius from 0 to 30"};
+  constexpr Bounds kSalinity{0.0, 43.0, "give practical salinity units from 0 to 43"};
+  constexpr Bounds kDepth{0.0, 10700.0, "give metres below the surface from 0 to 10700"};
+  constexpr Bounds kWavelength{400.0, 700.0, "give nanometres from 400 to 700"};
+  WaterConditions water;
+  bool is_good =
+      map.GetNumber("temperature_c", Need::kRequired, kTemperature, &water.temperature_c);
+  is_good &= map.GetNumber("salinity_psu", Need::kRequired, kSalinity, &water.salinity_psu);
+  is_good &= map.GetNumber("depth_m", Need::kRequired, kDepth, &water.depth_m);
+  map.GetNumber("wavelength_nm", Need::kOptional, kWavelength, &water.wavelength_nm);
+  map.Finish();
+  if (!is_good) return;
+  const auto index = SeaWaterIndex(water);
+  if (!index) {
+    map.AddProblem(index.error().where, "is out of range", "see rsfm/refraction/sea_water.h");
+    return;
+  }
+  *index_water = index_air * *index;
+}
 
 }  // namespace
 
@@ -150,7 +181,11 @@ void ReadPortSection(const YAML::Node& node, const std::string& file,
     map.GetNumber("thickness_m", Need::kRequired, kThicknessBounds, &result.thickness_m);
     map.GetNumber("index_air", Need::kOptional, kIndexBounds, &result.index_air);
     map.GetNumber("index_glass", Need::kRequired, kIndexBounds, &result.index_glass);
-    map.GetNumber("index_water", Need::kRequired, kIndexBounds, &result.index_water);
+    if (map.Has("water")) {
+      ReadWater(&map, result.index_air, &result.index_water);
+    } else {
+      map.GetNumber("index_water", Need::kRequired, kIndexBounds, &result.index_water);
+    }
   } else {
     map.AddProblem("type", Quoted(type) + " is not a port", "give flat, dome or none");
     return;

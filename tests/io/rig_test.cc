@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "rsfm/io/atomic_output.h"
+#include "rsfm/refraction/sea_water.h"
 #include "tests/support/temporary_folder.h"
 
 namespace rsfm {
@@ -215,6 +216,24 @@ TEST(RigTest, MapperOptionsOutOfRangeAreNamed) {
       ParseRig(std::string(kFlat) + "mapper:\n  descriptor: surf\n", "rig.yaml");
   ASSERT_FALSE(enumerated);
   EXPECT_EQ(enumerated.error().fix, "give one of none, orb, sift, akaze");
+}
+
+TEST(RigTest, WaterConditionsStandForTheIndex) {
+  const std::string water = "water: {temperature_c: 8, salinity_psu: 35, depth_m: 200}";
+  const auto rig = ParseRig(Replaced(kFlat, "index_water: 1.334", water), "rig.yaml");
+  ASSERT_TRUE(rig) << ToString(rig.error());
+  EXPECT_EQ(rig->camera.port.index_water,
+            *SeaWaterIndex({.temperature_c = 8, .salinity_psu = 35, .depth_m = 200}));
+  const auto both =
+      ParseRig(Replaced(kFlat, "index_water: 1.334", "index_water: 1.334\n  " + water), "rig.yaml");
+  ASSERT_FALSE(both);
+  EXPECT_EQ(both.error().field, "port.index_water");
+  EXPECT_EQ(both.error().line, 13);
+  const auto hot = ParseRig(Replaced(kFlat, "index_water: 1.334",
+                                     "water: {temperature_c: 80, salinity_psu: 35, depth_m: 200}"),
+                            "rig.yaml");
+  ASSERT_FALSE(hot);
+  EXPECT_EQ(hot.error().field, "port.water.temperature_c");
 }
 
 TEST(RigTest, ReadsCalibmar) {
