@@ -15,6 +15,10 @@ constexpr double kTitleSize = 16.0;
 constexpr double kLegendRow = 20.0;
 constexpr double kLegendGap = 22.0;
 constexpr double kLegendMark = 26.0;
+constexpr double kMarginLeft = 76.0;
+constexpr double kMarginBottom = 52.0;
+constexpr double kColourBarMargin = 100.0;
+constexpr double kMinAxes = 300.0;  // a figure that fits its data is not made narrower
 constexpr Colour kGridColour{228, 228, 228};
 
 struct Range {
@@ -89,6 +93,7 @@ struct Plot::Axes {
   Box box;  // px
   Range x, y;
   bool y_down = false;
+  Vec2 size = Vec2::Zero();  // of the whole figure, px
 
   double X(double value) const {
     return box.min.x() + (value - x.low) / x.size() * (box.max.x() - box.min.x());
@@ -164,9 +169,17 @@ Plot::Axes Plot::MakeAxes() const {
   axes.x.Pad(0.03);
   axes.y.Pad(0.06);
   if (from_zero) axes.y.low = 0.0;
-  const double right = has_colour_bar_ ? 92.0 : 22.0;
-  const double top = 38.0 + LegendHeight(options_.width - 80.0 - right);
-  axes.box = {Vec2(76.0, top), Vec2(options_.width - right, options_.height - 52.0)};
+  const double right = has_colour_bar_ ? kColourBarMargin : 22.0;
+  Vec2 inner(options_.width - kMarginLeft - right, 0.0);
+  inner.y() = options_.height - kMarginBottom - 38.0 - LegendHeight(inner.x());
+  if (options_.equal_aspect) {
+    const double metres_per_px = std::max(axes.x.size() / inner.x(), axes.y.size() / inner.y());
+    const Vec2 need = Vec2(axes.x.size(), axes.y.size()) / metres_per_px;
+    inner = inner.cwiseMin(need.cwiseMax(kMinAxes));
+  }
+  const Vec2 corner(kMarginLeft, 38.0 + LegendHeight(inner.x()));
+  axes.box = {corner, corner + inner};
+  axes.size = axes.box.max + Vec2(right, kMarginBottom);
   if (options_.equal_aspect) {
     const Vec2 size = axes.box.max - axes.box.min;
     const double metres_per_px = std::max(axes.x.size() / size.x(), axes.y.size() / size.y());
@@ -284,18 +297,19 @@ void Plot::DrawColourBar(const Axes& axes, Canvas* canvas) const {
   const double height = axes.box.max.y() - top;
   for (int i = 0; i < kSteps; ++i) {
     const double y = top + height * i / kSteps;
-    const double fraction = options_.y_down ? (i + 0.5) / kSteps : 1.0 - (i + 0.5) / kSteps;
-    canvas->Fill({Vec2(left, y), Vec2(left + 14.0, y + height / kSteps + 0.6)}, Viridis(fraction));
+    canvas->Fill({Vec2(left, y), Vec2(left + 14.0, y + height / kSteps + 0.6)},
+                 Viridis(1.0 - (i + 0.5) / kSteps));
   }
   const std::vector<double> ticks =
-      NiceTicks(colour_low_, colour_high_, static_cast<int>(height / 70.0) + 1);
+      NiceTicks(std::min(colour_low_, colour_high_), std::max(colour_low_, colour_high_),
+                static_cast<int>(height / 70.0) + 1);
   const double step = ticks.size() > 1 ? ticks[1] - ticks[0] : 1.0;
   for (const double value : ticks) {
     const double fraction = (value - colour_low_) / (colour_high_ - colour_low_);
-    const double y = options_.y_down ? top + height * fraction : top + height * (1.0 - fraction);
+    const double y = top + height * (1.0 - fraction);
     canvas->Text({left + 19.0, y + 4.0}, FormatTick(value, step), {kTickSize});
   }
-  canvas->Text({left + 66.0, top + 0.5 * height}, colour_label_,
+  canvas->Text({left + 76.0, top + 0.5 * height}, colour_label_,
                {kTickSize, TextStyle::Anchor::kMiddle, kInk, true});
 }
 
@@ -328,14 +342,18 @@ void Plot::Draw(Canvas* canvas) const {
   if (options_.scale_bar) DrawScaleBar(axes, canvas);
 }
 
+Vec2 Plot::FitSize() const { return MakeAxes().size; }
+
 std::string Plot::Svg() const {
-  SvgCanvas canvas(options_.width, options_.height);
+  const Vec2 size = FitSize();
+  SvgCanvas canvas(size.x(), size.y());
   Draw(&canvas);
   return canvas.Finish();
 }
 
 IoExpected<std::string> Plot::Png() const {
-  RasterCanvas canvas(options_.width, options_.height);
+  const Vec2 size = FitSize();
+  RasterCanvas canvas(size.x(), size.y());
   Draw(&canvas);
   return canvas.Finish();
 }

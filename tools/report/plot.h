@@ -22,10 +22,11 @@ struct PlotOptions {
   std::string title;
   std::string x_label;  // with its unit in brackets: "east [m]"
   std::string y_label;
-  double width = 760.0;
+  double width = 760.0;  // of the whole figure, px; the most of it with equal_aspect
   double height = 480.0;
-  bool equal_aspect = false;  // a metre is as long on both axes: maps
-  bool y_down = false;        // values grow downwards: depth
+  bool equal_aspect =
+      false;            // a metre is as long on both axes: maps; the figure then fits the data
+  bool y_down = false;  // values grow downwards: depth
   bool y_from_zero = false;
   bool scale_bar = false;  // a bar of a round length in metres, lower right
 };
@@ -45,7 +46,8 @@ class Plot {
                const Colour& colour);
   // A straight line across the axes at a value of y, or of x.
   void AddLevel(std::string name, double value, bool is_vertical, const Stroke& stroke);
-  // A scale of colours to the right, from low to high, drawn with Viridis().
+  // A scale of colours to the right: Viridis(0) at the bottom means `low`, Viridis(1) at the top
+  // `high`, which may be the smaller number.
   void SetColourBar(std::string label, double low, double high);
 
   void Draw(Canvas* canvas) const;
@@ -66,6 +68,7 @@ class Plot {
   struct Axes;
 
   Axes MakeAxes() const;
+  Vec2 FitSize() const;
   void DrawFrame(const Axes& axes, Canvas* canvas) const;
   void DrawSeries(const Series& series, const Axes& axes, Canvas* canvas) const;
   void DrawLegend(Canvas* canvas, double left, double right) const;

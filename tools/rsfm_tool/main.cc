@@ -16,6 +16,7 @@
 #include "tools/rsfm_tool/verb_export.h"
 #include "tools/rsfm_tool/verb_info.h"
 #include "tools/rsfm_tool/verb_project.h"
+#include "tools/rsfm_tool/verb_report.h"
 #include "tools/rsfm_tool/verb_simulate.h"
 
 namespace rsfm {
@@ -65,6 +66,7 @@ int Main(int argc, char** argv) {
   verbs.Add(DeclareExport, RunExport);
   verbs.Add(DeclareInfo, RunInfo);
   verbs.Add(DeclareProject, RunProject);
+  verbs.Add(DeclareReport, RunReport);
   verbs.Add(DeclareSimulate, RunSimulate);
 
   try {
