@@ -61,7 +61,16 @@ class MissionBuilder {
       keyframe.descriptor_bytes = keyframe.num_descriptor_bytes = 0;
       keyframe.descriptors = {};
     }
-    keyframes_[keyframe.id] = std::move(keyframe);
+    // An update may come without descriptors, which do not change: the first ones stay.
+    keyframe_t& stored = keyframes_[keyframe.id];
+    if (keyframe.descriptor_type == keyframe_t::DESCRIPTOR_NONE &&
+        stored.num_features == keyframe.num_features) {
+      keyframe.descriptor_type = stored.descriptor_type;
+      keyframe.descriptor_bytes = stored.descriptor_bytes;
+      keyframe.num_descriptor_bytes = stored.num_descriptor_bytes;
+      keyframe.descriptors = std::move(stored.descriptors);
+    }
+    stored = std::move(keyframe);
   }
 
   void AddLandmarks(const LogEvent& event) {

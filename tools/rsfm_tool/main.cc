@@ -15,6 +15,7 @@
 #include "tools/rsfm_tool/verb_evaluate.h"
 #include "tools/rsfm_tool/verb_export.h"
 #include "tools/rsfm_tool/verb_info.h"
+#include "tools/rsfm_tool/verb_map.h"
 #include "tools/rsfm_tool/verb_project.h"
 #include "tools/rsfm_tool/verb_report.h"
 #include "tools/rsfm_tool/verb_simulate.h"
@@ -65,6 +66,7 @@ int Main(int argc, char** argv) {
   verbs.Add(DeclareEvaluate, RunEvaluate);
   verbs.Add(DeclareExport, RunExport);
   verbs.Add(DeclareInfo, RunInfo);
+  verbs.Add(DeclareMap, RunMap);
   verbs.Add(DeclareProject, RunProject);
   verbs.Add(DeclareReport, RunReport);
   verbs.Add(DeclareSimulate, RunSimulate);

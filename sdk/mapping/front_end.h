@@ -1,0 +1,42 @@
+// From an image to features: the only place where OpenCV works, and where its pixels (centre of the
+// top-left pixel at 0, 0) become ours (0.5, 0.5).
+//
+// stills  every image is searched and described on its own
+// video   points are tracked from image to image (pyramidal Lucas-Kanade, forward and back); when
+//         too much has moved or been lost, the image becomes a keyframe: points are sought afresh
+//         in the grid's empty cells, and all are described
+#pragma once
+
+#include <memory>
+
+#include "rsfm/base/error.h"
+#include "rsfm/mapping/feature.h"
+
+namespace rsfm {
+
+class FrontEnd {
+ public:
+  // kInvalidArgument for a bad option, `where` naming it, or an image size below 32 px.
+  static Expected<std::unique_ptr<FrontEnd>> Create(const MapperOptions& options, int width_px,
+                                                    int height_px);
+  virtual ~FrontEnd() = default;
+
+  // Features of the next image. What is returned lies in the front end's memory until the next
+  // call. Descriptors are there for stills, for a video's keyframes, and wherever they are wanted.
+  //   kInvalidArgument  "size": not the size given to Create; "image": no data or channels
+  //   kUnsupported      OpenCV refused; the front end then starts afresh with the next image
+  // Allocates only inside OpenCV and for OpenCV's own containers: bounded by the image's size and
+  // max_features.
+  virtual Expected<FrameObservations> Process(const ImageView& image, Utime utime,
+                                              bool want_descriptors) = 0;
+
+  // Heap held between calls, OpenCV's scratch memory apart.
+  virtual std::size_t bytes() const = 0;
+
+ protected:
+  FrontEnd() = default;
+  FrontEnd(const FrontEnd&) = delete;
+  FrontEnd& operator=(const FrontEnd&) = delete;
+};
+
+}  // namespace rsfm

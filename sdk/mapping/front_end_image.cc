@@ -1,0 +1,105 @@
+#include "rsfm/mapping/front_end_image.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace rsfm {
+namespace {
+
+constexpr float kOrbScale = 1.2f;
+
+}  // namespace
+
+Expected<std::unique_ptr<FrontEnd>> FrontEnd::Create(const MapperOptions& options, int width_px,
+                                                     int height_px) {
+  if (const Status status = options.Validate(); !status) return tl::unexpected(status.error());
+  if (width_px < 32 || height_px < 32) return Fail(Errc::kInvalidArgument, "size");
+  return options.rhythm == Rhythm::kVideo ? MakeVideoFrontEnd(options, width_px, height_px)
+                                          : MakeStillsFrontEnd(options, width_px, height_px);
+}
+
+std::shared_ptr<cv::Feature2D> MakeFeature2D(DescriptorType type, int max_features) {
+  switch (type) {
+    case DescriptorType::kOrb:
+      return cv::ORB::create(max_features, kOrbScale, 8, 31, 0, 2, cv::ORB::HARRIS_SCORE, 31, 10);
+    case DescriptorType::kAkaze:
+      return cv::AKAZE::create(cv::AKAZE::DESCRIPTOR_MLDB, 0, 3, 0.0005f);
+    case DescriptorType::kSift:
+    case DescriptorType::kNone:
+      break;
+  }
+  return cv::SIFT::create(max_features, 3, 0.02);
+}
+
+Status PrepareGrey(const ImageView& image, int width_px, int height_px, double contrast_limit,
+                   cv::Mat* grey) {
+  const bool sane = image.data != nullptr && (image.channels == 1 || image.channels == 3) &&
+                    image.stride_bytes >= image.width * image.channels;
+  if (!sane) return Fail(Errc::kInvalidArgument, "image");
+  if (image.width != width_px || image.height != height_px)
+    return Fail(Errc::kInvalidArgument, "size");
+  // OpenCV takes no const data; it is only read here.
+  const cv::Mat source(image.height, image.width, image.channels == 3 ? CV_8UC3 : CV_8UC1,
+                       const_cast<std::uint8_t*>(image.data),
+                       static_cast<std::size_t>(image.stride_bytes));
+  if (image.channels == 3) {
+    cv::cvtColor(source, *grey, cv::COLOR_BGR2GRAY);
+  } else {
+    source.copyTo(*grey);
+  }
+  if (contrast_limit > 0.0) cv::createCLAHE(contrast_limit, cv::Size(8, 8))->apply(*grey, *grey);
+  return {};
+}
+
+void DrawMask(const ImageMask& mask, int width_px, int height_px, cv::Mat* drawn) {
+  *drawn = cv::Mat(height_px, width_px, CV_8UC1, cv::Scalar(255));
+  const cv::Rect image(0, 0, width_px, height_px);
+  for (const MaskRectangle& r : mask) {
+    const cv::Rect part = image & cv::Rect(cv::Point(r.left, r.top), cv::Point(r.right, r.bottom));
+    if (!part.empty()) (*drawn)(part).setTo(0);
+  }
+}
+
+void PackDescriptor(DescriptorType type, const cv::Mat& descriptors, int row,
+                    std::uint8_t* packed) {
+  std::memset(packed, 0, static_cast<std::size_t>(DescriptorStride(type)));
+  if (type != DescriptorType::kSift) {
+    std::memcpy(packed, descriptors.ptr(row), static_cast<std::size_t>(DescriptorBytes(type)));
+    return;
+  }
+  const float* values = descriptors.ptr<float>(row);
+  float sum = 0.0f;
+  for (int k = 0; k < 128; ++k) sum += values[k];
+  if (!(sum > 0.0f)) return;
+  for (int k = 0; k < 128; ++k) {
+    const float root = 512.0f * std::sqrt(values[k] / sum);
+    packed[k] = static_cast<std::uint8_t>(std::min(255.0f, root + 0.5f));
+  }
+}
+
+Vec2 PixelOf(DescriptorType type, const cv::KeyPoint& keypoint) {
+  // SIFT doubles the image with its corners aligned but halves coordinates about pixel centres: a
+  // quarter pixel is left over (until OpenCV 4.8 made it an option). ORB scales coordinates of each
+  // pyramid level about the top-left pixel's centre.
+  double shift = 0.0;
+  if (type == DescriptorType::kSift) shift = -0.25;
+  if (type == DescriptorType::kOrb)
+    shift = 0.5 * (std::pow(static_cast<double>(kOrbScale), keypoint.octave) - 1.0);
+  return Vec2(keypoint.pt.x, keypoint.pt.y) + Vec2::Constant(shift + 0.5);
+}
+
+void SampleColour(const ImageView& image, Feature* feature) {
+  const int x = std::clamp(static_cast<int>(feature->x_px), 0, image.width - 1);
+  const int y = std::clamp(static_cast<int>(feature->y_px), 0, image.height - 1);
+  const std::uint8_t* pixel =
+      image.data + static_cast<std::ptrdiff_t>(y) * image.stride_bytes + x * image.channels;
+  const bool colour = image.channels == 3;
+  feature->b = pixel[0];
+  feature->g = pixel[colour ? 1 : 0];
+  feature->r = pixel[colour ? 2 : 0];
+}
+
+}  // namespace rsfm

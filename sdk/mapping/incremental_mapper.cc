@@ -1,0 +1,339 @@
+#include "rsfm/mapping/incremental_mapper.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace rsfm {
+namespace {
+
+constexpr int kWaitingPerStep = 2;    // keyframes without pose tried again after each new one
+constexpr int kMinSimilarity = 12;    // of its strongest features, for such a try
+constexpr int kPlentyOfInliers = 80;  // below, older keyframes are asked as well
+
+std::size_t Count(int value) { return static_cast<std::size_t>(value); }
+
+}  // namespace
+
+std::string_view ToString(MapperState state) noexcept {
+  constexpr std::string_view kNames[] = {"waiting",        "initialising", "tracking",
+                                         "dead_reckoning", "relocalising", "lost"};
+  return kNames[static_cast<int>(state)];
+}
+
+std::size_t MemoryPlan::total() const {
+  std::size_t sum = 0;
+  for (const Item& item : items) sum += item.bytes;
+  return sum;
+}
+
+Expected<std::unique_ptr<IncrementalMapper>> IncrementalMapper::Create(
+    const MapperOptions& options, const AnyCamera& camera, const Rigid3& body_from_camera) {
+  if (const Status status = options.Validate(); !status) return tl::unexpected(status.error());
+  auto nav = NavAid::Create(options, body_from_camera);
+  if (!nav) return tl::unexpected(nav.error());
+  auto adjuster = WindowAdjuster::Create(options, camera);
+  if (!adjuster) return tl::unexpected(adjuster.error());
+  return std::unique_ptr<IncrementalMapper>(
+      new IncrementalMapper(options, camera, std::move(*nav), std::move(*adjuster)));
+}
+
+IncrementalMapper::IncrementalMapper(const MapperOptions& options, const AnyCamera& camera,
+                                     NavAid nav, WindowAdjuster adjuster)
+    : options_(options),
+      camera_(camera),
+      nav_(std::move(nav)),
+      map_(options),
+      placer_(options, camera),
+      initialiser_(options, camera),
+      grower_(options, camera),
+      adjuster_(std::move(adjuster)),
+      candidates_(Count(options.max_keyframes)) {}
+
+MemoryPlan IncrementalMapper::memory_plan() const {
+  MemoryPlan plan;
+  plan.items.TryPushBack({"keyframes", map_.keyframe_bytes()});
+  plan.items.TryPushBack({"landmarks", map_.landmark_bytes()});
+  plan.items.TryPushBack({"matching and placing", placer_.bytes()});
+  plan.items.TryPushBack({"two views", initialiser_.bytes()});
+  plan.items.TryPushBack({"triangulation", grower_.bytes()});
+  plan.items.TryPushBack({"window adjustment", adjuster_.bytes()});
+  plan.items.TryPushBack({"navigation", nav_.bytes()});
+  return plan;
+}
+
+Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noexcept {
+  if (const Status status = Check(frame); !status) return tl::unexpected(status.error());
+  BeginReport(frame.utime);
+  const SlotId keyframe = StoreKeyframe(frame);
+  if (!has_world()) {
+    Initialise(keyframe);
+    return report_;
+  }
+  const FrameView view{frame.features, frame.descriptors};
+  if (const auto placement = PlaceFrame(view, keyframe)) {
+    Accept(*placement, keyframe);
+    if (keyframe.valid()) {
+      Extend(keyframe);
+      AdjustWindow(keyframe);
+      PlaceWaiting(keyframe);
+    }
+  } else {
+    CoastOn(frame.utime);
+    if (frames_lost_ >= options_.lost_frames_before_restart) Initialise(keyframe);
+  }
+  return report_;
+}
+
+Status IncrementalMapper::Check(const FrameObservations& frame) const noexcept {
+  if (frame_count_ > 0 && frame.utime <= last_utime_) return Fail(Errc::kOutOfOrder, "utime");
+  const DescriptorView& descriptors = frame.descriptors;
+  if (descriptors.count > 0 && (descriptors.type != options_.descriptor ||
+                                Count(descriptors.count) != frame.features.size()))
+    return Fail(Errc::kInvalidArgument, "descriptors");
+  if (frame.features.size() > Count(options_.max_features))
+    return Fail(Errc::kOutOfCapacity, "features", options_.max_features);
+  for (std::size_t i = 0; i < frame.features.size(); ++i) {
+    if (!frame.features[i].pixel().allFinite())
+      return Fail(Errc::kInvalidArgument, "features", static_cast<std::int32_t>(i));
+  }
+  return {};
+}
+
+void IncrementalMapper::BeginReport(Utime utime) noexcept {
+  StepReport next;
+  next.state = report_.state;
+  next.reset_counter = report_.reset_counter;
+  next.scale_is_metric = report_.scale_is_metric;
+  next.world_is_ned = report_.world_is_ned;
+  report_ = next;
+  last_utime_ = utime;
+  ++frame_count_;
+}
+
+// A frame with descriptors becomes a keyframe, without pose to begin with.
+SlotId IncrementalMapper::StoreKeyframe(const FrameObservations& frame) noexcept {
+  if (frame.descriptors.count == 0) return {};
+  Evict();
+  Keyframe keyframe;
+  keyframe.id = next_keyframe_id_;
+  keyframe.nav = nav_.buffer().At(frame.utime);
+  keyframe.reset_counter = report_.reset_counter;
+  const std::optional<SlotId> id = map_.AddKeyframe(frame, keyframe);
+  if (!id) return {};
+  ++next_keyframe_id_;
+  return report_.keyframe = *id;
+}
+
+// Room for one more: the oldest keyframe goes, with or without pose.
+void IncrementalMapper::Evict() noexcept {
+  if (map_.keyframes().size() < map_.keyframe_capacity()) return;
+  map_.EraseKeyframe(map_.keyframes().front());
+}
+
+// The newest `count` keyframes that have, or have not, a pose: newest first.
+void IncrementalMapper::CollectKeyframes(bool placed, int count, SlotId except) noexcept {
+  candidates_.clear();
+  const std::span<const SlotId> keyframes = map_.keyframes();
+  for (std::size_t i = keyframes.size(); i-- > 0 && candidates_.size() < Count(count);) {
+    if (keyframes[i] != except && map_.keyframe(keyframes[i]).is_placed == placed)
+      candidates_.TryPushBack(keyframes[i]);
+  }
+}
+
+Expected<Placement> IncrementalMapper::PlaceFrame(const FrameView& frame,
+                                                  SlotId keyframe) noexcept {
+  const std::uint64_t seed = options_.seed + frame_count_;
+  CollectKeyframes(true, options_.match_keyframes, keyframe);
+  placer_.MatchWith(map_, frame, candidates_.span());
+  const auto first = placer_.Place(map_, frame, seed);
+  const bool is_plenty = first && first->num_inliers >= kPlentyOfInliers;
+  if (is_plenty || frame.descriptors.count == 0) return first;
+
+  if (const auto predicted = Predict(last_utime_, nullptr)) {
+    const auto near = placer_.PlaceNear(map_, frame, *predicted, options_.guided_radius_px, seed);
+    if (near && near->num_inliers >= kPlentyOfInliers) return near;
+  }
+  // The newest again, and the most similar of the older.
+  const std::size_t num_newest = candidates_.size();
+  CollectKeyframes(true, static_cast<int>(map_.keyframes().size()), keyframe);
+  const std::span<const SlotId> all = candidates_.span();
+  const std::span<const SlotId> similar = placer_.MostSimilar(
+      map_, frame, options_.relocalise_keyframes, all.subspan(std::min(num_newest, all.size())));
+  if (similar.empty()) return first;
+  std::copy(similar.begin(), similar.end(), candidates_.begin() + num_newest);
+  placer_.MatchWith(map_, frame, all.first(num_newest + similar.size()));
+  const auto wider = placer_.Place(map_, frame, seed);
+  return wider;
+}
+
+void IncrementalMapper::Accept(const Placement& placement, SlotId keyframe) noexcept {
+  report_.state = MapperState::kTracking;
+  report_.has_pose = true;
+  report_.camera_from_world = placement.camera_from_world;
+  report_.num_inliers = placement.num_inliers;
+  report_.covariance = placement.covariance;
+  if (placement.reference.valid()) {
+    const Keyframe& reference = map_.keyframe(placement.reference);
+    const Mat6 adjoint =
+        AdjointSe3(placement.camera_from_world * reference.camera_from_world.Inverse());
+    report_.covariance += adjoint * reference.covariance * adjoint.transpose();
+  }
+  if (keyframe.valid()) {
+    Keyframe& placed = map_.keyframe(keyframe);
+    placed.is_placed = true;
+    placed.camera_from_world = report_.camera_from_world;
+    placed.covariance = report_.covariance;
+  }
+  has_world_ = true;
+  frames_lost_ = 0;
+  last_placed_utime_ = last_utime_;
+  last_camera_from_world_ = report_.camera_from_world;
+  last_covariance_ = report_.covariance;
+}
+
+void IncrementalMapper::Extend(SlotId keyframe) noexcept {
+  const GrowReport grown = grower_.Grow(&map_, keyframe, placer_.landmark_of(), placer_.matches());
+  report_.num_observed += grown.num_observed;
+  report_.num_merged += grown.num_merged;
+  report_.num_triangulated += grown.num_triangulated;
+}
+
+void IncrementalMapper::AdjustWindow(SlotId keyframe) noexcept {
+  const NavAid* nav = report_.world_is_ned ? &nav_ : nullptr;
+  const auto adjusted = adjuster_.Adjust(&map_, options_.window_keyframes, nav);
+  if (!adjusted) return;
+  report_.window_error_px = adjusted->mean_error_px;
+  report_.num_culled += grower_.Cull(&map_, adjuster_.window());
+  const Keyframe& newest = map_.keyframe(keyframe);
+  report_.camera_from_world = last_camera_from_world_ = newest.camera_from_world;
+  report_.covariance = last_covariance_ = newest.covariance;
+  if (adjuster_.window().size() == Count(options_.window_keyframes))
+    report_.left_window = adjuster_.window().front();
+}
+
+// Keyframes that had no pose may share landmarks with the newest one.
+void IncrementalMapper::PlaceWaiting(SlotId newest) noexcept {
+  CollectKeyframes(false, static_cast<int>(map_.keyframes().size()), newest);
+  if (candidates_.empty()) return;
+  const FrameView view{map_.features(newest), map_.descriptors(newest)};
+  const std::span<const SlotId> similar =
+      placer_.MostSimilar(map_, view, kWaitingPerStep, candidates_.span());
+  StaticVector<SlotId, kWaitingPerStep> waiting;
+  for (const SlotId id : similar) waiting.TryPushBack(id);
+  for (const SlotId id : waiting) {
+    const FrameView old{map_.features(id), map_.descriptors(id)};
+    if (placer_.Similarity(old.descriptors, view.descriptors) < kMinSimilarity) continue;
+    CollectKeyframes(true, options_.match_keyframes, id);
+    placer_.MatchWith(map_, old, candidates_.span());
+    const auto placement = placer_.Place(map_, old, options_.seed + frame_count_);
+    if (!placement) continue;
+    Keyframe& keyframe = map_.keyframe(id);
+    keyframe.is_placed = true;
+    keyframe.camera_from_world = placement->camera_from_world;
+    keyframe.covariance = placement->covariance + map_.keyframe(newest).covariance;
+    keyframe.reset_counter = report_.reset_counter;
+    Extend(id);
+    report_.placed_late.TryPushBack(id);
+  }
+}
+
+// Navigation's pose since the last placed frame, where there is navigation.
+std::optional<Rigid3> IncrementalMapper::Predict(Utime utime, Mat6* covariance) const noexcept {
+  if (!report_.scale_is_metric) return std::nullopt;
+  const auto motion = nav_.Motion(last_placed_utime_, utime);
+  if (!motion) return std::nullopt;
+  const Rigid3 end_from_start = motion->start_from_end.Inverse();
+  if (covariance != nullptr) {
+    const Mat6 adjoint = AdjointSe3(end_from_start);
+    Mat6 moved = Mat6::Zero();
+    moved.topLeftCorner<3, 3>() = motion->rotation_covariance_rad2;
+    const Mat3 end_from_start_rotation = end_from_start.rotation.toRotationMatrix();
+    moved.bottomRightCorner<3, 3>() = end_from_start_rotation * motion->displacement_covariance_m2 *
+                                      end_from_start_rotation.transpose();
+    *covariance = adjoint * last_covariance_ * adjoint.transpose() + moved;
+  }
+  return end_from_start * last_camera_from_world_;
+}
+
+void IncrementalMapper::CoastOn(Utime utime) noexcept {
+  ++frames_lost_;
+  if (const auto predicted = Predict(utime, &report_.covariance)) {
+    report_.state = MapperState::kDeadReckoning;
+    report_.has_pose = true;
+    report_.camera_from_world = *predicted;
+    return;
+  }
+  report_.state = frames_lost_ < options_.lost_frames_before_restart ? MapperState::kRelocalising
+                                                                     : MapperState::kLost;
+}
+
+bool IncrementalMapper::Initialise(SlotId keyframe) noexcept {
+  if (!has_world()) report_.state = MapperState::kInitialising;
+  if (!keyframe.valid()) return false;
+  CollectKeyframes(false, options_.match_keyframes + options_.relocalise_keyframes, keyframe);
+  const FrameView view{map_.features(keyframe), map_.descriptors(keyframe)};
+  placer_.MatchWith(map_, view, candidates_.span());
+  const auto pair = initialiser_.FindPair(map_, keyframe, placer_.matches(), nav_);
+  if (!pair) return false;
+  PlacePair(*pair);
+  Extend(keyframe);
+  AdjustWindow(keyframe);
+  PlaceWaiting(keyframe);
+  return true;
+}
+
+// Gives the first two keyframes of a map their poses. After a loss that navigation bridges they go
+// where it says; otherwise the old map ends and a new world begins. Both are jumps.
+void IncrementalMapper::PlacePair(const InitialPair& pair) noexcept {
+  Keyframe& first = map_.keyframe(pair.first);
+  Keyframe& second = map_.keyframe(pair.second);
+  Mat6 covariance = Mat6::Zero();
+  std::optional<Rigid3> start;
+  if (has_world()) {
+    ++report_.reset_counter;
+    if (pair.is_metric && report_.scale_is_metric) start = Predict(first.utime, &covariance);
+    if (!start) ForgetPlaced();
+  }
+  if (!start) {
+    report_.scale_is_metric = pair.is_metric;
+    start = nav_.CameraFromNed(first.nav);
+    report_.world_is_ned = start.has_value() && pair.is_metric;
+    if (!report_.world_is_ned) start = Rigid3();
+  }
+  first.camera_from_world = *start;
+  first.covariance = covariance;
+  second.camera_from_world = pair.second_from_first * first.camera_from_world;
+  const Mat6 adjoint = AdjointSe3(pair.second_from_first);
+  second.covariance = adjoint * first.covariance * adjoint.transpose() + pair.covariance;
+  first.is_placed = second.is_placed = true;
+  first.reset_counter = second.reset_counter = report_.reset_counter;
+  report_.placed_late.TryPushBack(pair.first);
+  Accept({second.camera_from_world, second.covariance, pair.num_inliers, {}}, pair.second);
+  placer_.ClearLandmarks();
+}
+
+// Ends the map: what was placed goes; what waits stays and may be placed in the next.
+void IncrementalMapper::ForgetPlaced() noexcept {
+  CollectKeyframes(true, static_cast<int>(map_.keyframes().size()), {});
+  for (const SlotId id : candidates_) map_.EraseKeyframe(id);
+}
+
+BodyPose ToBodyPose(const Rigid3& camera_from_world, const Mat6& covariance,
+                    const Rigid3& body_from_camera) noexcept {
+  BodyPose result;
+  const Rigid3 world_from_camera = camera_from_world.Inverse();
+  result.world_from_body = world_from_camera * body_from_camera.Inverse();
+  // C' = Exp(d) C makes W' = C'^-1 B^-1 = Exp(-Adjoint(C^-1) d) W.
+  const Mat6 left =
+      AdjointSe3(world_from_camera) * covariance * AdjointSe3(world_from_camera).transpose();
+  // (rotation, translation) of a left perturbation moves the position p by translation - [p]x
+  // rotation.
+  Mat6 position_rotation = Mat6::Zero();
+  position_rotation.topLeftCorner<3, 3>() = -Hat(result.world_from_body.translation);
+  position_rotation.topRightCorner<3, 3>() = Mat3::Identity();
+  position_rotation.bottomLeftCorner<3, 3>() = Mat3::Identity();
+  result.covariance = position_rotation * left * position_rotation.transpose();
+  return result;
+}
+
+}  // namespace rsfm

@@ -1,0 +1,135 @@
+// The mapper: one frame at a time, in fixed memory and bounded time.
+//
+//   auto mapper = IncrementalMapper::Create(options, camera, body_from_camera);  // allocates
+//   (*mapper)->nav().buffer().Insert(sample);  // as navigation comes
+//   auto report = (*mapper)->Step(frame);      // as the front end hands out frames
+//
+// A frame is placed by the landmarks it shows (frame_placer.h); if it carries descriptors it
+// becomes a keyframe, adds to the map (map_grower.h), and a window of keyframes is adjusted
+// (window_adjuster.h). The first map comes from two views (initialiser.h), with scale from
+// navigation where it spans them. A frame that shows too little is looked for among older
+// keyframes; keyframes that could not be placed wait, and are tried again as the map grows.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string_view>
+
+#include "rsfm/mapping/frame_placer.h"
+#include "rsfm/mapping/initialiser.h"
+#include "rsfm/mapping/map_grower.h"
+#include "rsfm/mapping/nav_aid.h"
+#include "rsfm/mapping/window_adjuster.h"
+
+namespace rsfm {
+
+enum class MapperState : std::uint8_t {  // values as in pose_t
+  kWaiting,                              // no image yet
+  kInitialising,                         // looking for a first pair with parallax
+  kTracking,                             // placed by vision
+  kDeadReckoning,  // the frame was not placed: the pose is navigation's since the last that was
+  kRelocalising,   // not placed and no navigation: looking for known landmarks
+  kLost,           // the same, for lost_frames_before_restart frames or more
+};
+std::string_view ToString(MapperState state) noexcept;
+
+struct StepReport {
+  MapperState state = MapperState::kWaiting;
+  bool has_pose = false;
+  Rigid3 camera_from_world;
+  Mat6 covariance = Mat6::Zero();  // of the left perturbation (rotation [rad], translation [m])
+  int num_inliers = 0;
+  SlotId keyframe;                      // the frame's, where it became one, placed or not
+  SlotId left_window;                   // a keyframe that adjustment will not move again, or none
+  StaticVector<SlotId, 4> placed_late;  // keyframes of earlier frames that now have a pose
+  int reset_counter = 0;                // goes up when the world's frame jumps
+  bool scale_is_metric = false;
+  bool world_is_ned = false;  // else the first keyframe's camera
+  int num_observed = 0, num_merged = 0, num_triangulated = 0, num_culled = 0;
+  double window_error_px = 0.0;  // mean, after adjustment
+};
+
+// Bytes by component, all taken by Create.
+struct MemoryPlan {
+  struct Item {
+    const char* name;
+    std::size_t bytes;
+  };
+  StaticVector<Item, 12> items;
+  std::size_t total() const;
+};
+
+class IncrementalMapper {
+ public:
+  // kInvalidArgument; `where` is the option. The only place that allocates.
+  static Expected<std::unique_ptr<IncrementalMapper>> Create(const MapperOptions& options,
+                                                             const AnyCamera& camera,
+                                                             const Rigid3& body_from_camera);
+
+  // Takes one frame. Never allocates, throws or logs; on error the map is as it was.
+  //   kOutOfOrder       not newer than the frame before
+  //   kInvalidArgument  "descriptors": not of the options' type, or not one per feature;
+  //                     "features": one is not finite
+  Expected<StepReport> Step(const FrameObservations& frame) noexcept;
+
+  NavAid& nav() { return nav_; }
+  const NavAid& nav() const { return nav_; }
+  const Map& map() const { return map_; }
+  Map& map() { return map_; }  // for the owner to clear Landmark::is_changed
+  MapperState state() const { return report_.state; }
+  // The next frame should carry descriptors whatever the front end's rhythm.
+  bool wants_descriptors() const { return report_.state != MapperState::kTracking; }
+  MemoryPlan memory_plan() const;
+
+ private:
+  IncrementalMapper(const MapperOptions& options, const AnyCamera& camera, NavAid nav,
+                    WindowAdjuster adjuster);
+
+  Status Check(const FrameObservations& frame) const noexcept;
+  void BeginReport(Utime utime) noexcept;
+  SlotId StoreKeyframe(const FrameObservations& frame) noexcept;
+  bool Initialise(SlotId keyframe) noexcept;
+  void PlacePair(const InitialPair& pair) noexcept;
+  void ForgetPlaced() noexcept;
+  Expected<Placement> PlaceFrame(const FrameView& frame, SlotId keyframe) noexcept;
+  void Accept(const Placement& placement, SlotId keyframe) noexcept;
+  void Extend(SlotId keyframe) noexcept;
+  void PlaceWaiting(SlotId newest) noexcept;
+  void AdjustWindow(SlotId keyframe) noexcept;
+  void CoastOn(Utime utime) noexcept;
+  void Evict() noexcept;
+  std::optional<Rigid3> Predict(Utime utime, Mat6* covariance) const noexcept;
+  void CollectKeyframes(bool placed, int count, SlotId except) noexcept;
+  bool has_world() const { return has_world_; }
+
+  MapperOptions options_;
+  AnyCamera camera_;
+  NavAid nav_;
+  Map map_;
+  FramePlacer placer_;
+  Initialiser initialiser_;
+  MapGrower grower_;
+  WindowAdjuster adjuster_;
+  FixedVector<SlotId> candidates_;
+
+  StepReport report_;  // of the last frame
+  std::int32_t next_keyframe_id_ = 0;
+  Utime last_utime_ = 0;
+  bool has_world_ = false;
+  Utime last_placed_utime_ = 0;
+  Rigid3 last_camera_from_world_;
+  Mat6 last_covariance_ = Mat6::Zero();
+  int frames_lost_ = 0;
+  std::uint64_t frame_count_ = 0;
+};
+
+// The body's pose for publication: world_from_body, and the covariance of (position along, small
+// rotation about) the world's axes.
+struct BodyPose {
+  Rigid3 world_from_body;
+  Mat6 covariance;
+};
+BodyPose ToBodyPose(const Rigid3& camera_from_world, const Mat6& covariance,
+                    const Rigid3& body_from_camera) noexcept;
+
+}  // namespace rsfm

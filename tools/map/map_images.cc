@@ -1,0 +1,205 @@
+#include "tools/map/map_images.h"
+
+#include <chrono>
+#include <set>
+
+#include "rsfm/io/atomic_output.h"
+#include "rsfm/mapping/front_end.h"
+#include "tools/map/image_files.h"
+#include "tools/map/mission_publisher.h"
+
+namespace rsfm {
+namespace {
+
+namespace fs = std::filesystem;
+
+// Navigation is handed over this much ahead of an image, as it is on a vehicle whose images take
+// their time to arrive: interpolation needs a sample on both sides.
+constexpr Utime kNavLeadUs = 500'000;
+
+double SecondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+Diagnostic FromError(const Error& error, const std::string& file, const char* section) {
+  return {error.code, file, std::string(section) + error.where,
+          std::string("is refused: ") + ToString(error.code), "correct it"};
+}
+
+class Feed {
+ public:
+  IoStatus Open(const MapRequest& request);
+  IoExpected<MapResult> Run(const MapHooks& hooks);
+
+ private:
+  IoStatus OpenRig();
+  IoStatus OpenNav();
+  IoStatus OpenMapper();
+  IoStatus FeedNav(Utime until);
+  IoStatus MapOne(const ImageTime& image);
+  IoStatus Close(AtomicFolder* folder, MissionWriter* writer, MissionPublisher* publisher);
+  MapResult Summary() const;
+
+  MapRequest request_;
+  ImageList list_;
+  Rig rig_;
+  std::vector<NavSample> nav_;
+  std::size_t next_nav_ = 0;
+  std::unique_ptr<LcmBus> bus_;
+  std::unique_ptr<ImageReader> reader_;
+  std::unique_ptr<FrontEnd> front_end_;
+  std::unique_ptr<IncrementalMapper> mapper_;
+  MissionPublisher* publisher_ = nullptr;
+  FeedCounters counters_;
+  StepReport last_;
+  MapResult result_;
+  std::set<std::int32_t> placed_;  // keyframes of the present world
+};
+
+IoStatus Feed::Open(const MapRequest& request) {
+  request_ = request;
+  auto list = ListImages(request.images, request.times, request.fps.value_or(1.0));
+  if (!list) return Fail(list.error());
+  list_ = std::move(*list);
+  if (auto s = OpenRig(); !s) return s;
+  if (auto s = OpenNav(); !s) return s;
+  if (auto s = OpenMapper(); !s) return s;
+  LcmBusOptions bus;
+  bus.url = request.lcm_url;
+  auto opened = LcmBus::Create(bus);
+  if (!opened) return Fail(opened.error());
+  bus_ = std::move(*opened);
+  return {};
+}
+
+IoStatus Feed::OpenRig() {
+  const fs::path path = request_.rig.empty() ? request_.images / kRigFile : request_.rig;
+  auto rig = ReadRig(path);
+  if (!rig) {
+    Diagnostic problem = rig.error();
+    if (request_.rig.empty() && problem.code == Errc::kNotFound)
+      problem.fix = "give --rig RIG.yaml";
+    return Fail(problem);
+  }
+  rig_ = std::move(*rig);
+  return {};
+}
+
+IoStatus Feed::OpenNav() {
+  const std::optional<fs::path> path = request_.nav ? request_.nav : list_.nav;
+  if (!path) return {};
+  auto table = ReadNavTable(*path, list_.images, rig_.world.origin);
+  if (!table) return Fail(table.error());
+  nav_ = std::move(table->samples);
+  if (!rig_.world.origin) rig_.world.origin = table->origin;
+  return {};
+}
+
+IoStatus Feed::OpenMapper() {
+  const std::string file =
+      (request_.rig.empty() ? request_.images / kRigFile : request_.rig).string();
+  const auto camera = AnyCamera::Create(rig_.camera);
+  if (!camera) return Fail(FromError(camera.error(), file, "camera: "));
+  auto mapper = IncrementalMapper::Create(rig_.mapper, *camera, rig_.body_from_camera);
+  if (!mapper) return Fail(FromError(mapper.error(), file, "mapper."));
+  mapper_ = std::move(*mapper);
+  auto front_end = FrontEnd::Create(rig_.mapper, camera->width(), camera->height());
+  if (!front_end) return Fail(FromError(front_end.error(), file, "mapper."));
+  front_end_ = std::move(*front_end);
+  reader_ = std::make_unique<ImageReader>(camera->width(), camera->height());
+  return {};
+}
+
+IoStatus Feed::FeedNav(Utime until) {
+  for (; next_nav_ < nav_.size() && nav_[next_nav_].utime <= until; ++next_nav_) {
+    mapper_->nav().buffer().Insert(nav_[next_nav_]);
+    ++counters_.nav_received;
+    if (auto s = publisher_->PublishNav(nav_[next_nav_]); !s) return s;
+  }
+  return {};
+}
+
+IoStatus Feed::MapOne(const ImageTime& image) {
+  const auto view = reader_->Read(list_.folder / image.image);
+  if (!view) return Fail(view.error());
+  if (auto s = FeedNav(image.utime + kNavLeadUs); !s) return s;
+  ++counters_.frames_received;
+  const auto start = std::chrono::steady_clock::now();
+  const auto frame = front_end_->Process(*view, image.utime, mapper_->wants_descriptors());
+  result_.front_end_s += SecondsSince(start);
+  if (!frame) return Fail(FromError(frame.error(), (list_.folder / image.image).string(), ""));
+  const auto step_start = std::chrono::steady_clock::now();
+  const auto report = mapper_->Step(*frame);
+  result_.mapper_s += SecondsSince(step_start);
+  if (!report) return Fail(FromError(report.error(), (list_.folder / image.image).string(), ""));
+  if (report->reset_counter != last_.reset_counter && !report->scale_is_metric) placed_.clear();
+  if (report->state == MapperState::kTracking) {
+    ++counters_.frames_placed;
+    if (report->keyframe.valid()) placed_.insert(mapper_->map().keyframe(report->keyframe).id);
+  }
+  for (const SlotId id : report->placed_late) placed_.insert(mapper_->map().keyframe(id).id);
+  last_ = *report;
+  return publisher_->PublishStep(image.image, image.utime, *report, counters_, mapper_.get());
+}
+
+// The world's frame is known now: the rig says it.
+IoStatus Feed::Close(AtomicFolder* folder, MissionWriter* writer, MissionPublisher* publisher) {
+  const Utime end = list_.images.back().utime;
+  if (auto s = publisher->PublishEnd(end, last_, counters_, mapper_.get()); !s) return s;
+  rig_.world.frame = last_.world_is_ned ? WorldFrame::kNed : WorldFrame::kFirstCamera;
+  rig_.world.scale_is_metric = last_.scale_is_metric;
+  if (auto s = writer->WriteRigFile(rig_); !s) return s;
+  if (auto s = writer->WriteImageTimes(list_.images); !s) return s;
+  if (auto s = writer->LinkImages(list_.folder); !s) return s;
+  if (auto s = writer->Close(); !s) return s;
+  return folder->Commit();
+}
+
+MapResult Feed::Summary() const {
+  MapResult result = result_;
+  result.num_images = static_cast<int>(list_.images.size());
+  result.num_placed = static_cast<int>(placed_.size());
+  result.num_keyframes = static_cast<int>(mapper_->map().keyframes().size());
+  result.num_landmarks = static_cast<int>(mapper_->map().landmarks().size());
+  result.num_resets = last_.reset_counter;
+  result.scale_is_metric = last_.scale_is_metric;
+  result.world_is_ned = last_.world_is_ned;
+  result.mean_error_px = last_.window_error_px;
+  result.memory_plan_bytes = mapper_->memory_plan().total() + front_end_->bytes();
+  return result;
+}
+
+IoExpected<MapResult> Feed::Run(const MapHooks& hooks) {
+  auto folder = AtomicFolder::Create(request_.out, Existing::kReplace);
+  if (!folder) return Fail(folder.error());
+  auto writer = MissionWriter::Create(folder->aside(), rig_);
+  if (!writer) return Fail(writer.error());
+  MissionPublisher publisher(rig_, &*writer, bus_.get());
+  publisher_ = &publisher;
+  int done = 0;
+  for (const ImageTime& image : list_.images) {
+    if (hooks.is_interrupted && hooks.is_interrupted()) {
+      result_.interrupted = true;
+      return result_;
+    }
+    if (auto s = MapOne(image); !s) return Fail(s.error());
+    if (hooks.progress) {
+      hooks.progress(++done, static_cast<int>(list_.images.size()),
+                     std::string(ToString(last_.state)) + ", " + std::to_string(last_.num_inliers) +
+                         " inliers, " + std::to_string(mapper_->map().landmarks().size()) +
+                         " landmarks");
+    }
+  }
+  if (auto s = Close(&*folder, &*writer, &publisher); !s) return Fail(s.error());
+  return Summary();
+}
+
+}  // namespace
+
+IoExpected<MapResult> MapImages(const MapRequest& request, const MapHooks& hooks) {
+  Feed feed;
+  if (auto s = feed.Open(request); !s) return Fail(s.error());
+  return feed.Run(hooks);
+}
+
+}  // namespace rsfm

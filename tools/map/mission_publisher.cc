@@ -1,0 +1,184 @@
+#include "tools/map/mission_publisher.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace rsfm {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+std::string FrameId(bool world_is_ned) { return world_is_ned ? "ned" : "first_camera"; }
+
+void CopyQuat(const Quat& q, double* wxyz) {
+  wxyz[0] = q.w();
+  wxyz[1] = q.x();
+  wxyz[2] = q.y();
+  wxyz[3] = q.z();
+}
+
+}  // namespace
+
+template <class Message>
+IoStatus MissionPublisher::Publish(const std::string& channel, Utime utime,
+                                   const Message& message) {
+  if (bus_ != nullptr) bus_->Publish(channel, message);  // a failure is counted by the bus
+  return writer_->Log(channel, utime, message);
+}
+
+IoStatus MissionPublisher::PublishNav(const NavSample& sample) {
+  // Consumed, not published: it goes to the log alone.
+  for (const BusInput& input : rig_.bus.inputs) {
+    if (input.type == InputType::kNav)
+      return writer_->Log(input.channel, sample.utime, ToMessage(sample));
+  }
+  return {};
+}
+
+IoStatus MissionPublisher::PublishPose(Utime utime, const StepReport& report) {
+  pose_t pose{};
+  pose.utime = utime;
+  pose.frame_id = FrameId(report.world_is_ned);
+  pose.child_frame_id = "body";
+  for (double& v : pose.velocity_body_mps) v = kNaN;
+  pose.state = static_cast<std::int32_t>(report.state);
+  pose.reset_counter = report.reset_counter;
+  pose.num_inliers = report.num_inliers;
+  pose.scale_is_metric = report.scale_is_metric;
+  pose.quality = -1;
+  if (report.has_pose) {
+    const BodyPose body =
+        ToBodyPose(report.camera_from_world, report.covariance, rig_.body_from_camera);
+    Vec3::Map(pose.position_m) = body.world_from_body.translation;
+    CopyQuat(body.world_from_body.rotation, pose.frame_from_body_q);
+    Eigen::Map<Eigen::Matrix<double, 6, 6, Eigen::RowMajor>>(pose.covariance) = body.covariance;
+    pose.quality =
+        report.state == MapperState::kTracking ? std::clamp(report.num_inliers / 2, 1, 100) : 0;
+  } else {
+    std::fill_n(pose.position_m, 3, kNaN);
+    std::fill_n(pose.frame_from_body_q, 4, kNaN);
+    pose.covariance[0] = -1.0;
+  }
+  return Publish(rig_.bus.pose_channel, utime, pose);
+}
+
+IoStatus MissionPublisher::PublishKeyframe(const Map& map, SlotId id, bool with_descriptors,
+                                           MapperState state, Utime utime) {
+  const Keyframe& keyframe = map.keyframe(id);
+  keyframe_t message{};
+  message.utime = keyframe.utime;
+  message.id = keyframe.id;
+  message.image = image_of_keyframe_[keyframe.id];
+  message.state = static_cast<std::int32_t>(keyframe.is_placed ? MapperState::kTracking : state);
+  message.reset_counter = keyframe.reset_counter;
+  if (keyframe.is_placed) {
+    CopyQuat(keyframe.camera_from_world.rotation, message.camera_from_world_q);
+    Vec3::Map(message.camera_from_world_t) = keyframe.camera_from_world.translation;
+  }  // else zeros: no rotation
+  message.num_features = keyframe.num_features;
+  const auto features = map.features(id);
+  const auto landmarks = map.landmarks_of(id);
+  for (std::size_t i = 0; i < features.size(); ++i) {
+    message.x_px.push_back(features[i].x_px);
+    message.y_px.push_back(features[i].y_px);
+    message.size_px.push_back(features[i].size_px);
+    const Landmark* landmark = map.landmarks().Find(landmarks[i]);
+    message.landmark_id.push_back(landmark != nullptr ? landmark->id : -1);
+  }
+  const DescriptorView descriptors = map.descriptors(id);
+  if (with_descriptors) {
+    message.descriptor_type = static_cast<std::int32_t>(descriptors.type);
+    message.descriptor_bytes = DescriptorBytes(descriptors.type);
+    for (int i = 0; i < descriptors.count; ++i) {
+      message.descriptors.insert(message.descriptors.end(), descriptors.Row(i),
+                                 descriptors.Row(i) + message.descriptor_bytes);
+    }
+    message.num_descriptor_bytes = static_cast<std::int32_t>(message.descriptors.size());
+  }
+  return Publish(rig_.bus.keyframe_channel, utime, message);
+}
+
+IoStatus MissionPublisher::PublishLandmarks(Utime utime, Map* map) {
+  landmarks_t message{};
+  message.utime = utime;
+  map->landmarks().ForEach([&](SlotId, Landmark& landmark) {
+    if (!landmark.is_changed) return;
+    landmark.is_changed = false;
+    message.id.push_back(landmark.id);
+    message.x.push_back(landmark.point_in_world.x());
+    message.y.push_back(landmark.point_in_world.y());
+    message.z.push_back(landmark.point_in_world.z());
+    message.r.push_back(landmark.r);
+    message.g.push_back(landmark.g);
+    message.b.push_back(landmark.b);
+  });
+  message.num = static_cast<std::int32_t>(message.id.size());
+  if (message.num == 0) return {};
+  return Publish(rig_.bus.landmarks_channel, utime, message);
+}
+
+IoStatus MissionPublisher::PublishStatus(Utime utime, const StepReport& report,
+                                         const FeedCounters& counters,
+                                         const IncrementalMapper& mapper) {
+  status_t status{};
+  status.utime = utime;
+  status.state = static_cast<std::int32_t>(report.state);
+  status.reset_counter = report.reset_counter;
+  status.frame_id = FrameId(report.world_is_ned);
+  status.origin_is_known = rig_.world.origin.has_value();
+  if (rig_.world.origin) {
+    status.origin_latitude_deg = rig_.world.origin->latitude_deg;
+    status.origin_longitude_deg = rig_.world.origin->longitude_deg;
+    status.origin_height_m = rig_.world.origin->height_m;
+  }
+  status.scale_is_metric = report.scale_is_metric;
+  status.frames_received = counters.frames_received;
+  status.frames_registered = counters.frames_placed;
+  status.frames_dropped = counters.frames_dropped;
+  status.nav_received = counters.nav_received;
+  const NavBuffer& nav = mapper.nav().buffer();
+  for (int reason = 0; reason < kNumNavRejects; ++reason)
+    status.nav_rejected += static_cast<std::int64_t>(nav.rejected(static_cast<NavReject>(reason)));
+  status.num_keyframes = static_cast<std::int32_t>(mapper.map().keyframes().size());
+  status.num_landmarks = static_cast<std::int32_t>(mapper.map().landmarks().size());
+  status.keyframe_capacity = static_cast<std::int32_t>(mapper.map().keyframe_capacity());
+  status.landmark_capacity = static_cast<std::int32_t>(mapper.map().landmarks().capacity());
+  status.disk_free_bytes = -1;  // and no clock times: the same input gives the same bytes
+  last_status_utime_ = utime;
+  has_status_ = true;
+  return Publish(rig_.bus.status_channel, utime, status);
+}
+
+IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
+                                       const StepReport& report, const FeedCounters& counters,
+                                       IncrementalMapper* mapper) {
+  if (auto s = PublishPose(utime, report); !s) return s;
+  if (report.keyframe.valid()) {
+    image_of_keyframe_[mapper->map().keyframe(report.keyframe).id] = image;
+    if (auto s = PublishLandmarks(utime, &mapper->map()); !s) return s;
+    if (auto s = PublishKeyframe(mapper->map(), report.keyframe, true, report.state, utime); !s)
+      return s;
+  }
+  const auto update = [&](SlotId id) {
+    return id.valid() ? PublishKeyframe(mapper->map(), id, false, report.state, utime) : IoStatus();
+  };
+  if (auto s = update(report.left_window); !s) return s;
+  for (const SlotId id : report.placed_late) {
+    if (auto s = update(id); !s) return s;
+  }
+  if (!has_status_ || utime - last_status_utime_ >= 1'000'000)
+    return PublishStatus(utime, report, counters, *mapper);
+  return {};
+}
+
+IoStatus MissionPublisher::PublishEnd(Utime utime, const StepReport& report,
+                                      const FeedCounters& counters, IncrementalMapper* mapper) {
+  if (auto s = PublishLandmarks(utime, &mapper->map()); !s) return s;
+  for (const SlotId id : mapper->map().keyframes()) {
+    if (auto s = PublishKeyframe(mapper->map(), id, false, MapperState::kLost, utime); !s) return s;
+  }
+  return PublishStatus(utime, report, counters, *mapper);
+}
+
+}  // namespace rsfm
