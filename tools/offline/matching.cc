@@ -1,0 +1,265 @@
+#include "tools/offline/matching.h"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <mutex>
+#include <numeric>
+#include <optional>
+#include <thread>
+
+#include "rsfm/estimation/five_point.h"
+#include "rsfm/estimation/ransac.h"
+#include "rsfm/mapping/descriptor_matcher.h"
+#include "rsfm/refraction/best_fit.h"
+
+namespace rsfm {
+namespace {
+
+constexpr double kOverlapMargin = 0.25;  // of the image's size: poses may have drifted
+
+// How many of the points that `a` observes would be seen by `b`, as a part.
+double Overlap(const Scene& scene, const AnyCamera& camera, int a, int b) {
+  int seen = 0, all = 0;
+  const SceneImage& other = scene.images[b];
+  const double margin_x = kOverlapMargin * camera.width(),
+               margin_y = kOverlapMargin * camera.height();
+  const std::vector<std::int32_t>& points = scene.images[a].points;
+  for (std::size_t f = 0; f < points.size(); ++f) {
+    if (points[f] == kNoPoint || ++all % 4 != 0) continue;  // every fourth is enough
+    Vec2 pixel;
+    if (camera.Project(other.camera_from_world * scene.points[points[f]].xyz, &pixel) !=
+        Projection::kOk)
+      continue;
+    seen += pixel.x() > -margin_x && pixel.y() > -margin_y &&
+            pixel.x() < camera.width() + margin_x && pixel.y() < camera.height() + margin_y;
+  }
+  return all < 8 ? 0.0 : 4.0 * seen / all;
+}
+
+// The essential matrix from five refracted rays, seen from the two centres of a best-fit pinhole:
+// good enough to tell right matches from wrong ones.   [She 2024, arXiv:2403.08640, "Relative Pose
+// Estimation"] The error is Sampson's, in pixels.   [Hartley & Zisserman, eq. (11.9)]
+class EssentialProblem {
+ public:
+  static constexpr int kSampleSize = kFivePointSampleSize;
+  using Model = Mat3;
+  using Models = EssentialMatrices;
+
+  EssentialProblem(std::vector<Vec3> a, std::vector<Vec3> b, double focal_px)
+      : a_(std::move(a)), b_(std::move(b)), focal_px_(focal_px) {}
+
+  int Size() const { return static_cast<int>(a_.size()); }
+  void Solve(std::span<const int, kSampleSize> sample, Models* models) const {
+    std::array<Vec3, kSampleSize> a, b;
+    for (int i = 0; i < kSampleSize; ++i) {
+      a[i] = a_[sample[i]];
+      b[i] = b_[sample[i]];
+    }
+    for (const Mat3& e : SolveFivePoint(a, b)) models->TryPushBack(e);
+  }
+  double SquaredError(const Mat3& e, int i) const {
+    const Vec3 line_b = e * a_[i], line_a = e.transpose() * b_[i];
+    const double algebraic = focal_px_ * b_[i].dot(line_b);
+    return algebraic * algebraic /
+           (line_b.head<2>().squaredNorm() + line_a.head<2>().squaredNorm());
+  }
+  bool Refine(std::span<const int>, Mat3*) const { return false; }
+
+ private:
+  std::vector<Vec3> a_, b_;  // (x / z, y / z, 1)
+  double focal_px_;
+};
+
+// Descriptors ready to be matched: all, and those of the largest features.
+struct Prepared {
+  DescriptorType type = DescriptorType::kNone;
+  std::vector<std::uint8_t> all, preview;
+
+  DescriptorView All() const { return View(all); }
+  DescriptorView Preview() const { return View(preview); }
+
+ private:
+  DescriptorView View(const std::vector<std::uint8_t>& rows) const {
+    DescriptorView view;
+    view.type = type;
+    view.data = rows.data();
+    view.count = static_cast<int>(rows.size()) / DescriptorStride(type);
+    return view;
+  }
+};
+
+// SIFT's descriptors are compared by Hellinger's kernel: the Euclidean distance of the square roots
+// of the L1-normalised vector.   [Arandjelovic & Zisserman 2012, CVPR, sec. 3]
+void TakeRoots(std::vector<std::uint8_t>* descriptors) {
+  constexpr std::size_t kLength = 128;
+  for (std::size_t row = 0; row + kLength <= descriptors->size(); row += kLength) {
+    double sum = 0.0;
+    for (std::size_t k = 0; k < kLength; ++k) sum += (*descriptors)[row + k];
+    if (sum <= 0.0) continue;
+    for (std::size_t k = 0; k < kLength; ++k) {
+      const double root = 512.0 * std::sqrt((*descriptors)[row + k] / sum);
+      (*descriptors)[row + k] = static_cast<std::uint8_t>(std::min(255.0, root + 0.5));
+    }
+  }
+}
+
+Prepared Prepare(const SceneImage& image, int preview_features) {
+  Prepared prepared;
+  prepared.type = image.descriptor_type;
+  if (prepared.type == DescriptorType::kNone) return prepared;
+  prepared.all = image.descriptors;
+  if (prepared.type == DescriptorType::kSift) TakeRoots(&prepared.all);
+  std::vector<int> order(image.features.size());
+  std::iota(order.begin(), order.end(), 0);
+  if (image.sizes_px.size() == image.features.size()) {
+    std::stable_sort(order.begin(), order.end(),
+                     [&image](int a, int b) { return image.sizes_px[a] > image.sizes_px[b]; });
+  }
+  order.resize(std::min(order.size(), static_cast<std::size_t>(preview_features)));
+  const int stride = DescriptorStride(prepared.type);
+  for (const int i : order) {
+    const auto row = prepared.all.begin() + static_cast<std::ptrdiff_t>(i) * stride;
+    prepared.preview.insert(prepared.preview.end(), row, row + stride);
+  }
+  return prepared;
+}
+
+// Matches and verifies one pair after another; one per thread.
+class PairMatcher {
+ public:
+  PairMatcher(const Scene& scene, const std::vector<Prepared>& descriptors,
+              const MatchOptions& options, const BestFitPerspective& best_fit, int max_features)
+      : scene_(scene),
+        descriptors_(descriptors),
+        options_(options),
+        best_fit_(best_fit),
+        matcher_(max_features),
+        matches_(max_features),
+        workspace_(static_cast<std::uint32_t>(max_features)) {}
+
+  std::optional<VerifiedPair> Match(const ImagePair& pair) {
+    const SceneImage& a = scene_.images[pair.a];
+    const SceneImage& b = scene_.images[pair.b];
+    const Prepared& in_a = descriptors_[pair.a];
+    const Prepared& in_b = descriptors_[pair.b];
+    if (in_a.type != in_b.type || in_a.type == DescriptorType::kNone || a.features.empty() ||
+        b.features.empty())
+      return std::nullopt;
+    if (pair.b - pair.a > options_.always_neighbours &&
+        matcher_.Match(in_a.Preview(), in_b.Preview(), options_.max_ratio, matches_) <
+            options_.preview_matches)
+      return std::nullopt;
+    const int count = matcher_.Match(in_a.All(), in_b.All(), options_.max_ratio, matches_);
+    if (count < options_.min_inliers) return std::nullopt;
+    std::vector<Vec3> bearings_a, bearings_b;
+    for (int i = 0; i < count; ++i) {
+      bearings_a.push_back(best_fit_.Normalise(a.features[matches_[i].query]).homogeneous());
+      bearings_b.push_back(best_fit_.Normalise(b.features[matches_[i].train]).homogeneous());
+    }
+    EssentialProblem problem(bearings_a, bearings_b, 0.5 * (best_fit_.fx + best_fit_.fy));
+    RansacOptions ransac;
+    ransac.max_error_px = options_.max_error_px;
+    ransac.max_iterations = 500;
+    ransac.seed = options_.seed + 7919u * static_cast<std::uint64_t>(pair.a) + pair.b;
+    Mat3 essential;
+    const Expected<RansacReport> report = Ransac(problem, ransac, &workspace_, &essential);
+    if (!report || report->num_inliers < options_.min_inliers ||
+        report->num_inliers < options_.min_inlier_ratio * count)
+      return std::nullopt;
+    VerifiedPair result;
+    result.images = pair;
+    result.b_from_a = BestDecomposition(essential, bearings_a, bearings_b);
+    std::vector<double> angles;
+    for (const int i : workspace_.inliers) {
+      result.matches.emplace_back(matches_[i].query, matches_[i].train);
+      const Vec3 turned = result.b_from_a.rotation * bearings_a[i];
+      angles.push_back(std::atan2(turned.cross(bearings_b[i]).norm(), turned.dot(bearings_b[i])));
+    }
+    std::nth_element(angles.begin(), angles.begin() + angles.size() / 2, angles.end());
+    result.median_angle_rad = angles[angles.size() / 2];
+    return result;
+  }
+
+ private:
+  Rigid3 BestDecomposition(const Mat3& essential, const std::vector<Vec3>& a,
+                           const std::vector<Vec3>& b) const {
+    Rigid3 best;
+    int best_count = -1;
+    for (const Rigid3& candidate : DecomposeEssential(essential)) {
+      int count = 0;
+      for (const int i : workspace_.inliers) count += IsInFront(candidate, a[i], b[i]) ? 1 : 0;
+      if (count <= best_count) continue;
+      best_count = count;
+      best = candidate;
+    }
+    return best;
+  }
+
+  const Scene& scene_;
+  const std::vector<Prepared>& descriptors_;
+  const MatchOptions& options_;
+  const BestFitPerspective& best_fit_;
+  DescriptorMatcher matcher_;
+  std::vector<DescriptorMatch> matches_;
+  RansacWorkspace workspace_;
+};
+
+}  // namespace
+
+std::vector<ImagePair> SelectPairs(const Scene& scene, const MatchOptions& options) {
+  const int count = static_cast<int>(scene.images.size());
+  const bool all_placed = scene.NumPlaced() <= options.all_pairs_up_to;
+  const bool all_unplaced = count <= options.all_unplaced_up_to;
+  const AnyCamera camera = *AnyCamera::Create(scene.camera);
+  std::vector<ImagePair> pairs;
+  for (int a = 0; a < count; ++a) {
+    for (int b = a + 1; b < count; ++b) {
+      const bool both = scene.images[a].placed && scene.images[b].placed;
+      if (b - a <= options.sequence_neighbours || (both ? all_placed : all_unplaced) ||
+          (both && std::max(Overlap(scene, camera, a, b), Overlap(scene, camera, b, a)) >
+                       options.min_overlap))
+        pairs.push_back({a, b});
+    }
+  }
+  return pairs;
+}
+
+std::vector<VerifiedPair> MatchPairs(const Scene& scene, const std::vector<ImagePair>& pairs,
+                                     const MatchOptions& options) {
+  std::size_t max_features = 1;
+  for (const SceneImage& image : scene.images)
+    max_features = std::max(max_features, image.features.size());
+  const AnyCamera camera = *AnyCamera::Create(scene.camera);
+  const Expected<BestFitPerspective> best_fit = FitPerspective(camera);
+  if (!best_fit) return {};
+
+  std::vector<Prepared> descriptors;
+  for (const SceneImage& image : scene.images)
+    descriptors.push_back(Prepare(image, options.preview_features));
+  std::vector<std::optional<VerifiedPair>> results(pairs.size());
+  std::atomic<std::size_t> next = 0;
+  std::atomic<bool> stopped = false;
+  std::mutex mutex;
+  const auto work = [&] {
+    PairMatcher matcher(scene, descriptors, options, *best_fit, static_cast<int>(max_features));
+    for (std::size_t i = next++; i < pairs.size() && !stopped; i = next++) {
+      results[i] = matcher.Match(pairs[i]);
+      if (!options.progress) continue;
+      const std::lock_guard<std::mutex> lock(mutex);
+      if (!options.progress(static_cast<int>(i) + 1, static_cast<int>(pairs.size())))
+        stopped = true;
+    }
+  };
+  std::vector<std::thread> threads;
+  for (int t = 1; t < options.num_threads; ++t) threads.emplace_back(work);
+  work();
+  for (std::thread& thread : threads) thread.join();
+  std::vector<VerifiedPair> verified;
+  if (stopped) return verified;
+  for (std::optional<VerifiedPair>& result : results)
+    if (result) verified.push_back(std::move(*result));
+  return verified;
+}
+
+}  // namespace rsfm

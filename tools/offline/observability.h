@@ -1,0 +1,38 @@
+// How well the data determine the lens and the port: standard deviations at the solution, with
+// everything else marginalised out, and how each parameter goes along with the scale.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "tools/offline/bundle.h"
+
+namespace rsfm {
+
+struct ParameterEstimate {
+  std::string name;    // "fx", "port.distance_m", with "camera 1: " before it where several
+  double start = 0.0;  // where the refinement began
+  double value = 0.0;
+  double sigma = 0.0;        // one standard deviation, prior included; 0 where it cannot be told
+  double prior_sigma = 0.0;  // the prior's
+  double scale_correlation = 0.0;  // with the scale, were that free
+  std::string verdict;  // "well determined", "determined", "weakly determined", "not determined"
+};
+
+struct ObservabilityReport {
+  double noise_px = 0.0;     // of one image coordinate, from the residuals
+  double scale_sigma = 0.0;  // of the scale, a ratio, were it not held: what the data know of it
+  std::vector<ParameterEstimate> parameters;  // the refined ones
+};
+
+// At a solved problem; `start` has the cameras as they were. An empty list where nothing is
+// refined. kDegenerate when the poses themselves are not determined.
+Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
+                                                   const std::vector<CameraConfig>& start,
+                                                   const BundleProblem& solved);
+
+// sigma against the prior's: below a tenth "well determined", below a half "determined", below nine
+// tenths "weakly determined", else "not determined": the prior decides.
+std::string Verdict(double sigma, double prior_sigma);
+
+}  // namespace rsfm

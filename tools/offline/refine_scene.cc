@@ -1,0 +1,184 @@
+#include "tools/offline/refine_scene.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+namespace rsfm {
+namespace {
+
+class Refiner {
+ public:
+  Refiner(const RefineSceneOptions& options, Scene* scene) : options_(options), scene_(*scene) {}
+
+  Expected<RefineSceneReport> Run() {
+    if (const auto camera = AnyCamera::Create(scene_.camera); !camera)
+      return tl::unexpected<Error>(camera.error());
+    if (scene_.images.size() < 2) return Fail(Errc::kNotEnoughData, "images");
+    if (const Status status = PrepareStart(); !status) return tl::unexpected(status.error());
+    auto start = Now();
+    MatchImages();
+    report_.seconds_matching = Seconds(start);
+    const CorrespondenceGraph graph(scene_, pairs_);
+    if (!report_.interrupted && !report_.from_scratch) {
+      // The poses have not seen these matches yet.
+      TrackOptions generous = options_.tracks;
+      generous.max_error_px *= 2.0;
+      UpdateTracks(graph, generous, &scene_);
+    }
+    start = Now();
+    if (!report_.interrupted) {
+      if (report_.from_scratch && !PlaceFirstPair(graph, pairs_, options_.placing, &scene_))
+        return Fail(Errc::kDegenerate, "first pair", report_.num_verified_pairs);
+      if (const Status status = PlaceAll(graph); !status) return tl::unexpected(status.error());
+    }
+    report_.seconds_placing = Seconds(start);
+    start = Now();
+    for (int round = 0; round < options_.max_rounds && !report_.interrupted; ++round) {
+      const auto done = Round(graph, round);
+      if (!done) return tl::unexpected(done.error());
+      if (*done) break;
+    }
+    report_.seconds_rounds = Seconds(start);
+    if (scene_.NumPlaced() < 2 || scene_.NumPoints() == 0)
+      return Fail(Errc::kNotConverged, "nothing survived");
+    report_.errors = SceneErrors(scene_);
+    return report_;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static Clock::time_point Now() { return Clock::now(); }
+  static double Seconds(Clock::time_point since) {
+    return std::chrono::duration<double>(Clock::now() - since).count();
+  }
+
+  bool Tell(const std::string& what, double part) {
+    if (options_.progress && !options_.progress(what, part)) report_.interrupted = true;
+    return !report_.interrupted;
+  }
+
+  // Adjusts what the vehicle's map has. A map that does not survive this is begun anew.
+  Status PrepareStart() {
+    report_.placed_before = scene_.NumPlaced();
+    report_.observations_before = scene_.NumObservations();
+    report_.from_scratch = report_.placed_before < 2 || scene_.NumPoints() == 0;
+    if (!report_.from_scratch) {
+      report_.mean_error_before_px = SceneErrors(scene_).mean_px;
+      if (const Status status = AdjustCalibrated("adjusting the map"); !status) return status;
+      report_.from_scratch = scene_.NumPlaced() < 2;
+    }
+    if (report_.from_scratch) {
+      for (SceneImage& image : scene_.images) {
+        image.placed = false;
+        std::fill(image.points.begin(), image.points.end(), kNoPoint);
+      }
+      scene_.points.clear();
+    }
+    return {};
+  }
+
+  void MatchImages() {
+    const std::vector<ImagePair> selected = SelectPairs(scene_, options_.match);
+    MatchOptions match = options_.match;
+    match.progress = [this](int done, int all) {
+      return Tell("matching", static_cast<double>(done) / all);
+    };
+    pairs_ = MatchPairs(scene_, selected, match);
+    report_.num_pairs = static_cast<int>(selected.size());
+    report_.num_verified_pairs = static_cast<int>(pairs_.size());
+    for (const VerifiedPair& pair : pairs_)
+      report_.num_matches += static_cast<int>(pair.matches.size());
+  }
+
+  // Global adjustment with lens and port as they are, then the filter.
+  Status AdjustCalibrated(const std::string& what) {
+    SceneBundle bundle = ToBundle(scene_);
+    BundleOptions adjust = options_.bundle;
+    adjust.lens = {};
+    adjust.port = {};
+    adjust.max_iterations = 25;
+    adjust.function_tolerance = 1e-5;
+    adjust.progress = [&](const BundleProgress& p) {
+      return Tell(what, static_cast<double>(p.iteration) / p.max_iterations);
+    };
+    const auto report = AdjustBundle(adjust, &bundle.problem);
+    if (!report) return tl::unexpected(report.error());
+    FromBundle(bundle, &scene_);
+    FilterScene(options_.filter, &scene_);
+    return {};
+  }
+
+  Status PlaceAll(const CorrespondenceGraph& graph) {
+    std::vector<std::uint8_t> tried(scene_.images.size(), 0);
+    int adjusted_at = scene_.NumPlaced();
+    bool second_chance = true;
+    while (!report_.interrupted) {
+      const int next = NextToPlace(graph, options_.placing, tried, scene_);
+      if (next < 0) {
+        // Images that failed may succeed in the finished map, once.
+        if (!second_chance || adjusted_at == scene_.NumPlaced()) break;
+        second_chance = false;
+        if (const Status status = AdjustCalibrated("adjusting"); !status) return status;
+        UpdateTracks(graph, options_.tracks, &scene_);
+        adjusted_at = scene_.NumPlaced();
+        std::fill(tried.begin(), tried.end(), 0);
+        continue;
+      }
+      tried[next] = 1;
+      if (!PlaceImage(next, graph, options_.placing, &scene_)) continue;
+      AdjustAround(next, options_.placing, &scene_);
+      report_.newly_placed.push_back(next);
+      const int placed = scene_.NumPlaced();
+      Tell("placing images", static_cast<double>(placed) / static_cast<double>(tried.size()));
+      if (placed < (1.0 + options_.growth) * adjusted_at && placed < adjusted_at + 30) continue;
+      if (const Status status = AdjustCalibrated("adjusting"); !status) return status;
+      UpdateTracks(graph, options_.tracks, &scene_);
+      adjusted_at = scene_.NumPlaced();
+      std::fill(tried.begin(), tried.end(), 0);
+    }
+    return {};
+  }
+
+  // True when another round would bring nothing.
+  Expected<bool> Round(const CorrespondenceGraph& graph, int number) {
+    RefineRound round;
+    round.tracks = UpdateTracks(graph, options_.tracks, &scene_);
+    SceneBundle bundle = ToBundle(scene_);
+    BundleOptions adjust = options_.bundle;
+    adjust.progress = [&](const BundleProgress& p) {
+      return Tell("round " + std::to_string(number + 1),
+                  static_cast<double>(p.iteration) / p.max_iterations);
+    };
+    const auto adjusted = AdjustBundle(adjust, &bundle.problem);
+    if (!adjusted) return tl::unexpected(adjusted.error());
+    FromBundle(bundle, &scene_);
+    round.bundle = *adjusted;
+    round.filter = FilterScene(options_.filter, &scene_);
+    round.mean_error_px = SceneErrors(scene_).mean_px;
+    round.num_images = scene_.NumPlaced();
+    round.num_points = scene_.NumPoints();
+    round.num_observations = scene_.NumObservations();
+    const RefineRound* before = report_.rounds.empty() ? nullptr : &report_.rounds.back();
+    const bool done =
+        before != nullptr && round.num_images == before->num_images &&
+        std::abs(round.num_observations - before->num_observations) <=
+            options_.min_change * round.num_observations &&
+        round.mean_error_px >= before->mean_error_px * (1.0 - options_.min_improvement);
+    report_.rounds.push_back(std::move(round));
+    return done;
+  }
+
+  const RefineSceneOptions& options_;
+  Scene& scene_;
+  std::vector<VerifiedPair> pairs_;
+  RefineSceneReport report_;
+};
+
+}  // namespace
+
+Expected<RefineSceneReport> RefineScene(const RefineSceneOptions& options, Scene* scene) {
+  return Refiner(options, scene).Run();
+}
+
+}  // namespace rsfm

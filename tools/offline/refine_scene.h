@@ -1,0 +1,62 @@
+// From the on-board map, or from nothing but matches, to the best model: place what is not placed,
+// then rounds of bundle adjustment, filtering and track completion until the error stops improving.
+#pragma once
+
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "tools/offline/bundle.h"
+#include "tools/offline/matching.h"
+#include "tools/offline/placing.h"
+#include "tools/offline/scene.h"
+#include "tools/offline/tracks.h"
+
+namespace rsfm {
+
+struct RefineSceneOptions {
+  MatchOptions match;
+  PlacingOptions placing;
+  BundleOptions bundle;  // of the rounds; lens and port are refined in these only
+  FilterOptions filter;
+  TrackOptions tracks;
+  int max_rounds = 12;
+  // The rounds end when the number of observations changes by no more than this part, ...
+  double min_change = 0.002;
+  double min_improvement = 0.001;  // ... and the mean error falls by no more than this part
+  double growth = 0.15;            // more images since the last global adjustment: another one
+  // What is being done, how far (0 ... 1); false stops.
+  std::function<bool(const std::string&, double)> progress;
+};
+
+struct RefineRound {
+  BundleReport bundle;
+  FilterReport filter;
+  TrackReport tracks;
+  double mean_error_px = 0.0;  // after the round
+  int num_images = 0, num_points = 0, num_observations = 0;
+};
+
+struct RefineSceneReport {
+  bool interrupted = false;
+  bool from_scratch = false;  // no image was placed before
+  int placed_before = 0;
+  int observations_before = 0;
+  double mean_error_before_px = 0.0;
+  int num_pairs = 0;  // tried
+  int num_verified_pairs = 0;
+  int num_matches = 0;
+  std::vector<int> newly_placed;  // images
+  std::vector<RefineRound> rounds;
+  ErrorSummary errors;  // at the end, over all observations
+  double seconds_matching = 0.0, seconds_placing = 0.0, seconds_rounds = 0.0;
+};
+
+// On error the scene may have changed:
+//   kInvalidArgument   the camera is impossible
+//   kNotEnoughData     fewer than two images
+//   kDegenerate        no image is placed and no pair of images is good enough to begin with
+//   kNotConverged      the solver failed outright, or nothing survived
+Expected<RefineSceneReport> RefineScene(const RefineSceneOptions& options, Scene* scene);
+
+}  // namespace rsfm
