@@ -71,6 +71,9 @@ struct RefinePort {
   bool Any() const { return normal || distance || center || index_water; }
 };
 
+// True when the refinement touches what this port has.
+bool RefinesPort(PortType type, const RefinePort& refine);
+
 struct BundleOptions {
   RefineLens lens;
   RefinePort port;

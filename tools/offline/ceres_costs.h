@@ -56,8 +56,6 @@ class PortManifold : public ceres::Manifold {
   int tangent_size_ = 0;
 };
 
-// True when the refinement touches what this port has.
-bool RefinesPort(PortType type, const RefinePort& refine);
 // Indices of the lens parameters that stay.
 std::vector<int> HeldLensParams(LensModel lens, const RefineLens& refine);
 

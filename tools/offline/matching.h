@@ -25,7 +25,7 @@ struct MatchOptions {
   int preview_matches = 8;
   int sequence_neighbours = 10;  // images before and after, in the scene's order
   int all_pairs_up_to = 60;      // placed images: with no more, every pair is tried
-  int all_unplaced_up_to = 200;  // the same for pairs with an unplaced image
+  int all_unplaced_up_to = 60;   // the same for pairs with an unplaced image
   double min_overlap = 0.15;     // of one image's points, that fall into the other
   int num_threads = 2;
   std::uint64_t seed = 1;

@@ -34,6 +34,7 @@ class Refiner {
     }
     report_.seconds_placing = Seconds(start);
     start = Now();
+    if (options_.navigate && !report_.interrupted) options_.navigate(&scene_);
     for (int round = 0; round < options_.max_rounds && !report_.interrupted; ++round) {
       const auto done = Round(graph, round);
       if (!done) return tl::unexpected(done.error());
@@ -65,6 +66,7 @@ class Refiner {
     report_.from_scratch = report_.placed_before < 2 || scene_.NumPoints() == 0;
     if (!report_.from_scratch) {
       report_.mean_error_before_px = SceneErrors(scene_).mean_px;
+      if (options_.navigate) options_.navigate(&scene_);
       if (const Status status = AdjustCalibrated("adjusting the map"); !status) return status;
       report_.from_scratch = scene_.NumPlaced() < 2;
     }
@@ -74,6 +76,7 @@ class Refiner {
         std::fill(image.points.begin(), image.points.end(), kNoPoint);
       }
       scene_.points.clear();
+      scene_.priors.clear();
     }
     return {};
   }

@@ -1,0 +1,194 @@
+#include "tools/offline/refine_mission.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "rsfm/io/atomic_output.h"
+#include "rsfm/io/tables.h"
+#include "rsfm/refraction/best_fit.h"
+
+namespace rsfm {
+namespace {
+
+struct Loaded {
+  Scene scene;
+  Rig rig;
+  std::vector<NavSample> nav;
+  std::vector<ImageTime> images;
+};
+
+IoExpected<Loaded> LoadMission(const RefineRequest& request) {
+  auto mission = ReadMission(request.input);
+  if (!mission) return Fail(mission.error());
+  if (mission->keyframes.size() < 2) {
+    return Fail({Errc::kNotEnoughData, (request.input / kEventsFile).string(), "RSFM_KEYFRAME",
+                 "holds " + std::to_string(mission->keyframes.size()) +
+                     " keyframe(s); refinement needs two",
+                 "map the images first: rsfm_tool map"});
+  }
+  Loaded loaded;
+  loaded.scene = SceneFromMission(*mission);
+  loaded.rig = mission->rig;
+  loaded.nav = std::move(mission->nav);
+  loaded.images = std::move(mission->images);
+  return loaded;
+}
+
+IoExpected<Loaded> LoadModel(const RefineRequest& request) {
+  auto model = ReadModel(request.input);
+  if (!model) return Fail(model.error());
+  if (model->cameras.size() != 1) {
+    return Fail({Errc::kUnsupported, request.input.string(), "cameras",
+                 "has " + std::to_string(model->cameras.size()) + " cameras",
+                 "give a model with one camera"});
+  }
+  if (model->images.size() < 2) {
+    return Fail({Errc::kNotEnoughData, request.input.string(), "images",
+                 "holds fewer than two images", "give a model with more"});
+  }
+  Loaded loaded;
+  loaded.scene = SceneFromModel(*model);
+  loaded.rig = model->rig;
+  for (const ModelImage& image : model->images)
+    if (image.utime > 0) loaded.images.push_back({image.name, image.utime});
+  return loaded;
+}
+
+IoStatus LoadNavigation(const RefineRequest& request, Loaded* loaded) {
+  if (!request.nav) return {};
+  auto table = ReadNavTable(*request.nav, loaded->images, loaded->rig.world.origin);
+  if (!table) return Fail(table.error());
+  loaded->nav = std::move(table->samples);
+  loaded->rig.world.origin = table->origin;
+  return {};
+}
+
+// The paper's UWPinhole starts from the pinhole that fits the refractive camera best.
+IoStatus DropPort(const RefineRequest& request, CameraConfig* config) {
+  if (config->port.type == PortType::kNone) return {};
+  const auto camera = AnyCamera::Create(*config);
+  const auto fit = camera ? FitPerspective(*camera) : Expected<BestFitPerspective>();
+  if (!camera || !fit) {
+    return Fail({Errc::kDegenerate, request.input.string(), "camera",
+                 "no perspective camera comes near this one", "leave --uwpinhole out"});
+  }
+  config->port = PortConfig();
+  const int num_focal = NumFocalLengths(config->lens);
+  std::fill(config->lens_params.begin(), config->lens_params.end(), 0.0);
+  config->lens_params[0] = num_focal == 1 ? 0.5 * (fit->fx + fit->fy) : fit->fx;
+  if (num_focal == 2) config->lens_params[1] = fit->fy;
+  config->lens_params[num_focal] = fit->cx;
+  config->lens_params[num_focal + 1] = fit->cy;
+  return {};
+}
+
+void ChooseParameters(const RefineRequest& request, BundleOptions* bundle) {
+  if (request.refine_lens || request.uwpinhole)
+    bundle->lens.focal = bundle->lens.principal_point = bundle->lens.distortion = true;
+  if (request.uwpinhole) {
+    bundle->lens.sigma_focal = 0.3;
+    bundle->lens.sigma_principal_point = 0.1;
+    bundle->lens.sigma_distortion = 1.0;
+  } else if (request.refine_port) {
+    bundle->port.normal = bundle->port.distance = bundle->port.center = true;
+  }
+}
+
+// In whose frame the result is, and whether its scale means metres.
+void DescribeWorld(const NavigationAlignment& alignment, bool from_scratch, Scene* scene,
+                   World* world) {
+  if (alignment.attitude) {
+    world->frame = WorldFrame::kNed;
+    world->scale_is_metric = alignment.scale || (!from_scratch && world->scale_is_metric);
+    return;
+  }
+  if (!from_scratch) return;
+  world->frame = WorldFrame::kFirstCamera;
+  world->scale_is_metric = false;
+  const auto first = std::find_if(scene->images.begin(), scene->images.end(),
+                                  [](const SceneImage& image) { return image.placed; });
+  if (first == scene->images.end()) return;
+  const Rigid3 first_from_world = first->camera_from_world;
+  const Rigid3 world_from_first = first_from_world.Inverse();
+  for (SceneImage& image : scene->images)
+    if (image.placed) image.camera_from_world = image.camera_from_world * world_from_first;
+  for (ScenePoint& point : scene->points) point.xyz = first_from_world * point.xyz;
+}
+
+Diagnostic Explain(const RefineRequest& request, const Error& error) {
+  Diagnostic d{error.code, request.input.string(), error.where, "", ""};
+  switch (error.code) {
+    case Errc::kDegenerate:
+      d.problem = "no two images share enough of the scene under a wide enough angle to begin with";
+      d.fix = "check that the images overlap and that the camera of rig.yaml is theirs";
+      break;
+    case Errc::kNotEnoughData:
+      d.problem = "too little to refine";
+      d.fix = "give a mission with two images or more that share landmarks";
+      break;
+    case Errc::kNotConverged:
+      d.problem = "the adjustment failed";
+      d.fix = "check the camera and port of rig.yaml";
+      break;
+    default:
+      d.problem = ToString(error.code);
+      break;
+  }
+  return d;
+}
+
+}  // namespace
+
+IoExpected<RefineResult> Refine(const RefineRequest& request) {
+  auto loaded = IsMissionFolder(request.input) ? LoadMission(request) : LoadModel(request);
+  if (!loaded) return Fail(loaded.error());
+  if (const IoStatus status = LoadNavigation(request, &*loaded); !status)
+    return Fail(status.error());
+  RefineResult result;
+  Scene& scene = loaded->scene;
+  result.num_images = static_cast<int>(scene.images.size());
+  if (request.uwpinhole) {
+    if (const IoStatus status = DropPort(request, &scene.camera); !status)
+      return Fail(status.error());
+  }
+  result.camera_before = scene.camera;
+  const NavigationInput navigation{loaded->nav, loaded->rig.body_from_camera, loaded->rig.mapper};
+  RefineSceneOptions options = request.scene;
+  options.progress = request.progress;
+  ChooseParameters(request, &options.bundle);
+  if (!navigation.samples.empty()) {
+    options.navigate = [&](Scene* s) {
+      result.alignment = AlignToNavigation(navigation, s);
+      // Priors of a world that could not be turned into navigation's frame would bend it.
+      s->priors =
+          result.alignment.attitude ? NavigationPriors(navigation, *s) : std::vector<PosePrior>();
+    };
+  }
+  auto report = RefineScene(options, &scene);
+  if (!report) return Fail(Explain(request, report.error()));
+  result.scene = std::move(*report);
+  result.camera_after = scene.camera;
+  if (result.scene.interrupted) return result;
+  if (options.bundle.lens.Any() || RefinesPort(scene.camera.port.type, options.bundle.port)) {
+    const auto observability =
+        AnalyseObservability(options.bundle, {result.camera_before}, ToBundle(scene).problem);
+    if (observability) result.observability = *observability;
+  }
+  DescribeWorld(result.alignment, result.scene.from_scratch, &scene, &loaded->rig.world);
+  result.model = ModelFromScene(scene, loaded->rig);
+  return result;
+}
+
+IoStatus WriteRefined(const RefineRequest& request, const RefineResult& result) {
+  auto folder = AtomicFolder::Create(request.out, Existing::kReplace);
+  if (!folder) return Fail(folder.error());
+  if (const IoStatus status = WriteModelFiles(result.model, folder->aside()); !status)
+    return status;
+  if (const IoStatus status =
+          WriteFileAtomically(folder->aside() / "report.json", FormatRefineReport(request, result));
+      !status)
+    return status;
+  return folder->Commit();
+}
+
+}  // namespace rsfm

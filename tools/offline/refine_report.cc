@@ -1,0 +1,105 @@
+// report.json of a refinement.
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "tools/offline/refine_mission.h"
+
+namespace rsfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json CameraJson(const CameraConfig& camera) {
+  Json json;
+  json["model"] = ToString(camera.lens);
+  json["params"] = std::vector<double>(camera.lens_params.begin(), camera.lens_params.end());
+  Json port;
+  port["type"] = ToString(camera.port.type);
+  if (camera.port.type != PortType::kNone) port["params"] = camera.port.Params();
+  json["port"] = port;
+  return json;
+}
+
+Json RoundJson(const RefineRound& round) {
+  return {{"mean_error_px", round.mean_error_px},
+          {"images", round.num_images},
+          {"points", round.num_points},
+          {"observations", round.num_observations},
+          {"iterations", round.bundle.iterations},
+          {"converged", round.bundle.converged},
+          {"cost_before", round.bundle.initial_cost},
+          {"cost_after", round.bundle.final_cost},
+          {"seconds", round.bundle.seconds},
+          {"linear_solver", round.bundle.solver},
+          {"removed_observations", round.filter.observations},
+          {"added_observations", round.tracks.completed + round.tracks.created_observations},
+          {"merged_points", round.tracks.merged}};
+}
+
+// What decided each part of the world's place: "navigation", or "held": it stays
+// where it was.
+Json GaugeJson(const RefineResult& result) {
+  const BundleGauge gauge =
+      result.scene.rounds.empty() ? BundleGauge() : result.scene.rounds.back().bundle.gauge;
+  const auto word = [](bool held) { return held ? "held" : "navigation"; };
+  Json json = {{"position", word(gauge.position)},
+               {"attitude", word(gauge.attitude)},
+               {"scale", word(gauge.scale)},
+               {"scale_factor_from_navigation", result.alignment.scale_factor}};
+  return json;
+}
+
+Json ObservabilityJson(const ObservabilityReport& report) {
+  Json parameters = Json::array();
+  for (const ParameterEstimate& p : report.parameters) {
+    parameters.push_back({{"name", p.name},
+                          {"start", p.start},
+                          {"value", p.value},
+                          {"sigma", p.sigma},
+                          {"prior_sigma", p.prior_sigma},
+                          {"scale_correlation", p.scale_correlation},
+                          {"verdict", p.verdict}});
+  }
+  return {{"noise_px", report.noise_px},
+          {"scale_sigma_from_images", report.scale_sigma},
+          {"parameters", parameters}};
+}
+
+}  // namespace
+
+std::string FormatRefineReport(const RefineRequest& request, const RefineResult& result) {
+  const RefineSceneReport& scene = result.scene;
+  Json json;
+  json["input"] = request.input.string();
+  json["mode"] = request.uwpinhole ? "uwpinhole" : "refractive";
+  json["images"] = {{"offered", result.num_images},
+                    {"placed_before", scene.placed_before},
+                    {"placed", result.model.images.size()},
+                    {"newly_placed", scene.newly_placed.size()}};
+  json["points"] = result.model.points.size();
+  json["from_scratch"] = scene.from_scratch;
+  if (scene.placed_before < 2 || scene.observations_before == 0) {
+    json["before"] = nullptr;
+  } else {
+    json["before"] = {{"mean_error_px", scene.mean_error_before_px},
+                      {"observations", scene.observations_before}};
+  }
+  json["after"] = {{"mean_error_px", scene.errors.mean_px},
+                   {"rms_error_px", scene.errors.rms_px},
+                   {"observations", scene.errors.num_observations}};
+  json["matching"] = {{"pairs", scene.num_pairs},
+                      {"verified_pairs", scene.num_verified_pairs},
+                      {"matches", scene.num_matches}};
+  json["seconds"] = {{"matching", scene.seconds_matching},
+                     {"placing", scene.seconds_placing},
+                     {"rounds", scene.seconds_rounds}};
+  json["world"] = GaugeJson(result);
+  json["camera_before"] = CameraJson(result.camera_before);
+  json["camera_after"] = CameraJson(result.camera_after);
+  json["refined"] = result.observability ? ObservabilityJson(*result.observability) : Json();
+  json["rounds"] = Json::array();
+  for (const RefineRound& round : scene.rounds) json["rounds"].push_back(RoundJson(round));
+  return json.dump(2) + "\n";
+}
+
+}  // namespace rsfm

@@ -1,0 +1,90 @@
+#include "tools/rsfm_tool/verb_refine.h"
+
+#include <cstdio>
+#include <memory>
+
+#include "tools/common/exit.h"
+#include "tools/common/progress.h"
+#include "tools/offline/refine_mission.h"
+
+namespace rsfm {
+namespace {
+
+// One bar after another, as the work changes.
+class StageProgress {
+ public:
+  bool Update(const std::string& stage, double part) {
+    if (stage != stage_) {
+      if (progress_) progress_->Finish();
+      progress_ = std::make_unique<Progress>(stage, 100);
+      stage_ = stage;
+    }
+    progress_->Update(static_cast<std::int64_t>(100.0 * part));
+    return !IsInterrupted();
+  }
+
+ private:
+  std::string stage_;
+  std::unique_ptr<Progress> progress_;
+};
+
+void PrintFindings(const RefineResult& result) {
+  const RefineSceneReport& scene = result.scene;
+  std::printf("images       %zu of %d placed\n", result.model.images.size(), result.num_images);
+  std::printf("points       %zu, %d observations\n", result.model.points.size(),
+              scene.errors.num_observations);
+  if (scene.observations_before > 0)
+    std::printf("error before %.4f px mean over %d observations\n", scene.mean_error_before_px,
+                scene.observations_before);
+  std::printf("error after  %.4f px mean, %.4f px RMS\n", scene.errors.mean_px,
+              scene.errors.rms_px);
+  if (!scene.rounds.empty() && scene.rounds.back().bundle.gauge.scale)
+    std::printf("scale        held: no sensor gives it\n");
+  if (!result.observability) return;
+  std::printf("noise        %.3f px per coordinate\n", result.observability->noise_px);
+  for (const ParameterEstimate& p : result.observability->parameters) {
+    std::printf("%-20s %12.6g -> %12.6g +- %.2g, %s (correlation with scale %+.2f)\n",
+                p.name.c_str(), p.start, p.value, p.sigma, p.verdict.c_str(), p.scale_correlation);
+  }
+}
+
+}  // namespace
+
+CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options) {
+  CLI::App* verb = app.add_subcommand(
+      "refine", "Global bundle adjustment of a mission or model: the best poses and points");
+  verb->add_option("input", options->input, "mission or model folder")->required();
+  verb->add_option("--out", options->out, "model folder to write")->required();
+  verb->add_option("--nav", options->nav, "NAV.csv, in place of the mission's own navigation");
+  CLI::Option* port = verb->add_flag("--refine-port", options->refine_port,
+                                     "flat: normal and distance; dome: centre");
+  verb->add_flag("--refine-lens", options->refine_lens,
+                 "focal length, principal point and distortion");
+  verb->add_flag("--uwpinhole", options->uwpinhole,
+                 "the usual approximation, for comparison: no port, a lens made to absorb it")
+      ->excludes(port);
+  return verb;
+}
+
+int RunRefine(const RefineOptions& options) {
+  RefineRequest request;
+  request.input = options.input;
+  request.out = options.out;
+  if (!options.nav.empty()) request.nav = options.nav;
+  request.refine_port = options.refine_port;
+  request.refine_lens = options.refine_lens;
+  request.uwpinhole = options.uwpinhole;
+  StageProgress progress;
+  request.progress = [&progress](const std::string& stage, double part) {
+    return progress.Update(stage, part);
+  };
+  const auto result = Refine(request);
+  if (!result) return Report(result.error());
+  if (result->scene.interrupted) return ReportInterrupted();
+  if (const IoStatus status = WriteRefined(request, *result); !status)
+    return Report(status.error());
+  PrintFindings(*result);
+  return FinishStdout();
+}
+
+}  // namespace rsfm

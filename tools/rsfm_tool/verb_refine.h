@@ -1,0 +1,21 @@
+// A mission, or a model, to the best model that its features and navigation give.
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+
+namespace rsfm {
+
+struct RefineOptions {
+  std::string input;
+  std::string out;
+  std::string nav;
+  bool refine_port = false;
+  bool refine_lens = false;
+  bool uwpinhole = false;
+};
+
+CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options);
+int RunRefine(const RefineOptions& options);
+
+}  // namespace rsfm
