@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include "rsfm/estimation/polynomial.h"
 
@@ -150,20 +151,30 @@ StaticVector<CentralDepth, 4> CentralDepths(const Vec3& cosines, const Vec3& squ
   // Nordberg 2018, eqs. (5)-(7)]
   const Conic d1 = {a23, -a23 * b12, 0.0, a23 - a12, a12 * b23, -a12};
   const Conic d2 = {a23, 0.0, -a23 * b13, -a13, a13 * b23, a23 - a13};
-  const Conic adjugate_1 = Adjugate(d1), adjugate_2 = Adjugate(d2);
-  // det(base + gamma other) = 0, arranged so that the cubic's leading coefficient is the larger
-  // determinant.
-  const double det_1 = Determinant(d1, adjugate_1), det_2 = Determinant(d2, adjugate_2);
-  const double mixed_12 = TraceOfProduct(adjugate_1, d2), mixed_21 = TraceOfProduct(adjugate_2, d1);
-  const bool swap = std::abs(det_1) > std::abs(det_2);
-  const Conic& base = swap ? d2 : d1;
-  const Conic& other = swap ? d1 : d2;
-  const double leading = swap ? det_1 : det_2;
-  if (leading == 0.0) return depths;
+  // det(base + gamma other) = 0, with the larger determinant leading. Both vanish for symmetric
+  // triangles, where their sum or difference leads.
+  Conic base = d1, other = d2;
+  Conic adjugate_base = Adjugate(d1), adjugate_other = Adjugate(d2);
+  double det_base = Determinant(base, adjugate_base);
+  double det_other = Determinant(other, adjugate_other);
+  if (std::abs(det_base) > std::abs(det_other)) {
+    std::swap(base, other);
+    std::swap(adjugate_base, adjugate_other);
+    std::swap(det_base, det_other);
+  }
+  double mixed_base = TraceOfProduct(adjugate_base, other);
+  double mixed_other = TraceOfProduct(adjugate_other, base);
+  if (std::abs(det_other) < 1e-2 * std::max(std::abs(mixed_base), std::abs(mixed_other))) {
+    other = AddScaled(other, std::copysign(1.0, mixed_base * mixed_other), base);
+    adjugate_other = Adjugate(other);
+    det_other = Determinant(other, adjugate_other);
+    mixed_base = TraceOfProduct(adjugate_base, other);
+    mixed_other = TraceOfProduct(adjugate_other, base);
+  }
+  if (det_other == 0.0) return depths;
   std::array<double, 3> gammas;
-  const int num_gammas = SolveMonicCubic((swap ? mixed_12 : mixed_21) / leading,
-                                         (swap ? mixed_21 : mixed_12) / leading,
-                                         (swap ? det_2 : det_1) / leading, &gammas);
+  const int num_gammas = SolveMonicCubic(mixed_other / det_other, mixed_base / det_other,
+                                         det_base / det_other, &gammas);
   Conic degenerate{}, degenerate_adjugate{};
   double best = 0.0;
   for (int i = 0; i < num_gammas; ++i) {

@@ -63,7 +63,7 @@ struct BaselinePriors {
   double length_m = 0.0;
   double sigma_m = 0.0;  // 0: no prior
   double weak_length_m = 1.0;
-  double weak_log_sigma = 3.0;
+  double weak_log_sigma = 1.0;
 };
 
 struct EpipolarRefineOptions {

@@ -14,6 +14,7 @@ namespace rsfm {
 namespace {
 
 constexpr double kMinSigmaPx = 1e-3;
+constexpr const char* kCheirality = "cheirality";
 
 // The point nearest to all rays, drawn weakly to the mean origin for when they are parallel.
 Vec3 NearestPoint(std::span<const RayPair> pairs, bool of_a) {
@@ -43,6 +44,7 @@ EpipolarRefineOptions MakeRefineOptions(const TwoViewOptions& options, double si
   refine.max_baseline_m = options.max_baseline_m;
   refine.priors.length_m = options.baseline_m;
   refine.priors.sigma_m = options.sigma_baseline_m;
+  refine.priors.weak_log_sigma = options.default_range_log_sigma;
   return refine;
 }
 
@@ -233,6 +235,8 @@ Status TwoViewOptions::Validate() const noexcept {
     return Fail(Errc::kInvalidArgument, "baseline_m");
   }
   if (!(min_range_m > 0.0)) return Fail(Errc::kInvalidArgument, "min_range_m");
+  if (!(default_range_log_sigma > 0.0))
+    return Fail(Errc::kInvalidArgument, "default_range_log_sigma");
   if (!(default_range_m > min_range_m)) return Fail(Errc::kInvalidArgument, "default_range_m");
   if (min_inliers < 7) return Fail(Errc::kInvalidArgument, "min_inliers", min_inliers);
   if (!(max_direction_sigma_rad > 0.0))
@@ -328,7 +332,7 @@ Status TwoViewEstimator::CheckCheirality(const RelativePose& pose, const TwoView
   report->median_parallax_rad = Median(&values_);
   report->num_inliers = static_cast<int>(active_.size()) - (judged - in_front);
   if (in_front < options.min_in_front_ratio * judged || report->num_inliers < options.min_inliers) {
-    return Fail(Errc::kNotEnoughInliers, "cheirality", in_front);
+    return Fail(Errc::kNotEnoughInliers, kCheirality, in_front);
   }
   if (judged < options.min_inliers / 2) return Fail(Errc::kDegenerate, "rotation", judged);
   return {};
@@ -349,15 +353,20 @@ Status TwoViewEstimator::CheckDegeneracy(const RelativePose& pose, const TwoView
   Vec3 plane = Vec3::Zero();
   report->plane_ratio = internal::PlaneRatio(pairs, active, pose, max_error_px, &plane);
   if (report->plane_ratio <= options.max_plane_ratio) return {};
+  // Truncated at three sigmas: the few outliers among the inliers fit one of two poses by chance.
+  const double max_squared_error =
+      std::min(max_error_px * max_error_px, 9.0 * report->sigma_px * report->sigma_px);
   const auto score = [&](const RelativePose& candidate) {
     double sum = 0.0;
     for (const int i : active)
-      sum += std::min(SquaredSampsonError(candidate, pairs[i]), max_error_px * max_error_px);
+      sum += std::min(SquaredSampsonError(candidate, pairs[i]), max_squared_error);
     return sum;
   };
   const double own_score = score(pose);
-  const EpipolarRefineOptions refine = MakeRefineOptions(options, report->sigma_px);
+  constexpr double kMinInFrontRatio = 0.95;  // a true second solution has all points in front
   for (RelativePose other : internal::OtherPosesOfPlane(pose, plane)) {
+    EpipolarRefineOptions refine = MakeRefineOptions(options, report->sigma_px);
+    AnchorScale({pairs, centre_a_, centre_b_, port_depth_m_}, active, options, &refine, &other);
     RefineEpipolar(pairs, active, refine, &other);
     const double turned =
         LogSo3(Quat(Mat3(other.rotation * pose.rotation.transpose())).normalized()).norm();
@@ -368,10 +377,13 @@ Status TwoViewEstimator::CheckDegeneracy(const RelativePose& pose, const TwoView
       in_front += MeetingRanges(other, pairs[i], &range_a, &range_b, &angle) && range_a > 0.0 &&
                   range_b > 0.0;
     }
-    if (in_front < options.min_in_front_ratio * static_cast<double>(active.size())) continue;
-    // A second solution that four standard deviations do not exclude.
-    if (score(other) < own_score + 16.0 * report->sigma_px * report->sigma_px)
-      return Fail(Errc::kDegenerate, "plane");
+    if (in_front < kMinInFrontRatio * static_cast<double>(active.size())) continue;
+    // The two scores are sums over residuals of different components of the noise: their difference
+    // has a standard deviation of 2 sqrt(n) sigma^2. A second solution within four of them is not
+    // excluded.
+    const double spread =
+        2.0 * std::sqrt(static_cast<double>(active.size())) * report->sigma_px * report->sigma_px;
+    if (score(other) < own_score + 4.0 * spread) return Fail(Errc::kDegenerate, "plane");
   }
   return {};
 }
@@ -432,15 +444,30 @@ Status TwoViewEstimator::Describe(const RelativePose& pose, const EpipolarRefine
   return {};
 }
 
+Expected<TwoViewReport> TwoViewEstimator::RefineWithinWater(const AnyCamera& camera_a,
+                                                            const TwoViewOptions& options,
+                                                            const RelativePose& pose,
+                                                            const TwoViewReport& report) {
+  const Expected<TwoViewReport> result =
+      RefineAndJudge(camera_a, options, options.default_range_log_sigma, pose, report);
+  if (result || result.error().where != kCheirality || options.sigma_baseline_m > 0.0)
+    return result;
+  double sigma_px = report.sigma_px;
+  SelectInliers(pose, options.ransac.max_error_px, &sigma_px);
+  return RefineAndJudge(camera_a, options, 0.1 * options.default_range_log_sigma, pose, report);
+}
+
 Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const AnyCamera& camera_a,
                                                          const TwoViewOptions& options,
-                                                         RelativePose pose, TwoViewReport report) {
+                                                         double range_log_sigma, RelativePose pose,
+                                                         TwoViewReport report) {
   constexpr int kMaxRounds = 3;
   const double max_error_px = options.ransac.max_error_px;
   EpipolarRefineOptions refine = MakeRefineOptions(options, report.sigma_px);
   for (int round = 0; round < kMaxRounds; ++round) {
     if (static_cast<int>(active_.size()) < options.min_inliers) break;
     refine = MakeRefineOptions(options, report.sigma_px);
+    refine.priors.weak_log_sigma = range_log_sigma;
     AnchorScale({pairs_.span(), centre_a_, centre_b_, port_depth_m_}, active_.span(), options,
                 &refine, &pose);
     report.refine_iterations += RefineEpipolar(pairs_.span(), active_.span(), refine, &pose);
@@ -465,6 +492,7 @@ Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const AnyCamera& camera
     return tl::unexpected(status.error());
   if (const Status status = CheckCheirality(pose, options, &report); !status)
     return tl::unexpected(status.error());
+  refine.priors.weak_log_sigma = options.default_range_log_sigma;
   if (const Status status = Describe(pose, refine, options, &report); !status)
     return tl::unexpected(status.error());
   return report;
@@ -489,7 +517,7 @@ Expected<TwoViewReport> TwoViewEstimator::Estimate(const AnyCamera& camera_a,
   TwoViewReport report;
   report.ransac = *ransac;
   SelectInliers(pose, options.ransac.max_error_px, &report.sigma_px);
-  return RefineAndJudge(camera_a, options, pose, report);
+  return RefineWithinWater(camera_a, options, pose, report);
 }
 
 Expected<TwoViewReport> TwoViewEstimator::Refine(const AnyCamera& camera_a,
@@ -512,7 +540,7 @@ Expected<TwoViewReport> TwoViewEstimator::Refine(const AnyCamera& camera_a,
   TwoViewReport report;
   // The first round takes everything, its noise being that of the start.
   SelectInliers(pose, std::numeric_limits<double>::max(), &report.sigma_px);
-  return RefineAndJudge(camera_a, options, pose, report);
+  return RefineWithinWater(camera_a, options, pose, report);
 }
 
 }  // namespace rsfm

@@ -35,15 +35,18 @@ struct TwoViewOptions {
   // The baseline's length from navigation; sigma 0: not known.
   double baseline_m = 0.0;
   double sigma_baseline_m = 0.0;
-  // Where nothing determines the length the median point stays about this far away.
+  // Where nothing determines the length the median point stays about this far away
+  // (a normal prior on its logarithm, of which one sigma is by default a factor of e; never part of
+  // the reported sigma).
   double default_range_m = 3.0;
+  double default_range_log_sigma = 1.0;
   double min_range_m = 0.2;  // of the median point: the scene is outside the housing
   double min_baseline_m = 0.005;
   double max_baseline_m = 1000.0;
   double max_relative_baseline_sigma = 0.2;  // above it the length is reported as unknown
 
   int min_inliers = 12;
-  double min_in_front_ratio = 0.75;  // of the inliers with a parallax above the noise
+  double min_in_front_ratio = 0.95;  // of the inliers with a parallax above the noise
   double max_rotation_only_ratio =
       0.8;  // of the inliers that a rotation without translation explains
   double max_plane_ratio =
@@ -113,8 +116,15 @@ class TwoViewEstimator {
                  std::span<const Vec2> pixels_a, std::span<const Vec2> pixels_b,
                  const TwoViewOptions& options);
   void SelectInliers(const RelativePose& pose, double max_error_px, double* sigma_px);
+  // With a weak prior on the range of the given width.
   Expected<TwoViewReport> RefineAndJudge(const AnyCamera& camera_a, const TwoViewOptions& options,
-                                         RelativePose pose, TwoViewReport report);
+                                         double range_log_sigma, RelativePose pose,
+                                         TwoViewReport report);
+  // The same with the options' prior; again with a narrow one when the length that fits best would
+  // put points behind the port: cheirality is a bound that the refinement itself does not know.
+  Expected<TwoViewReport> RefineWithinWater(const AnyCamera& camera_a,
+                                            const TwoViewOptions& options, const RelativePose& pose,
+                                            const TwoViewReport& report);
   Status CheckCheirality(const RelativePose& pose, const TwoViewOptions& options,
                          TwoViewReport* report);
   Status CheckDegeneracy(const RelativePose& pose, const TwoViewOptions& options,
