@@ -75,11 +75,21 @@ void FramePlacer::MatchWith(const Map& map, const FrameView& frame,
   }
 }
 
-void FramePlacer::AssociateByMatches(const Map& map, const FrameView& frame) {
+void FramePlacer::StartAssociations(std::size_t num_features) {
   landmark_of_.clear();
-  landmark_of_.TryResize(frame.features.size());
-  distance_of_.TryResize(frame.features.size());
+  landmark_of_.TryResize(num_features);
+  distance_of_.TryResize(num_features);
   std::fill(distance_of_.begin(), distance_of_.end(), kFar);
+}
+
+void FramePlacer::Associate(const Map& map, const FrameView& frame,
+                            const Rigid3& camera_from_world) noexcept {
+  StartAssociations(frame.features.size());
+  AssociateByProjection(map, frame, camera_from_world, options_.max_error_px);
+}
+
+void FramePlacer::AssociateByMatches(const Map& map, const FrameView& frame) {
+  StartAssociations(frame.features.size());
   for (const KeyframeMatches& with : keyframe_matches_) {
     const std::span<const SlotId> landmarks = map.landmarks_of(with.keyframe);
     for (const DescriptorMatch& match : with.matches) {
@@ -191,10 +201,7 @@ Expected<Placement> FramePlacer::Place(const Map& map, const FrameView& frame,
 Expected<Placement> FramePlacer::PlaceNear(const Map& map, const FrameView& frame,
                                            const Rigid3& camera_from_world, double radius_px,
                                            std::uint64_t seed) noexcept {
-  landmark_of_.clear();
-  landmark_of_.TryResize(frame.features.size());
-  distance_of_.TryResize(frame.features.size());
-  std::fill(distance_of_.begin(), distance_of_.end(), kFar);
+  StartAssociations(frame.features.size());
   AssociateByProjection(map, frame, camera_from_world, radius_px);
   const auto first = Estimate(map, frame, nullptr, seed);
   if (!first) return tl::unexpected(first.error());

@@ -50,6 +50,8 @@ class FramePlacer {
                                 const Rigid3& camera_from_world, double radius_px,
                                 std::uint64_t seed) noexcept;
 
+  // Landmarks for the features of a frame whose pose is known.
+  void Associate(const Map& map, const FrameView& frame, const Rigid3& camera_from_world) noexcept;
   // Forgets the associations of the frame before, not the matches.
   void ClearLandmarks() { landmark_of_.clear(); }
   std::span<const SlotId> landmark_of() const { return landmark_of_.span(); }
@@ -66,6 +68,7 @@ class FramePlacer {
  private:
   void MatchTracks(std::span<const Feature> frame, std::span<const Feature> keyframe,
                    std::span<DescriptorMatch> matches, int* count) const;
+  void StartAssociations(std::size_t num_features);
   void AssociateByMatches(const Map& map, const FrameView& frame);
   int AssociateByProjection(const Map& map, const FrameView& frame, const Rigid3& camera_from_world,
                             double radius_px) noexcept;

@@ -140,18 +140,41 @@ void IncrementalMapper::CollectKeyframes(bool placed, int count, SlotId except) 
   }
 }
 
+// Whether a pose may be true, given what navigation says has happened since the last placed frame.
+bool IncrementalMapper::IsPlausible(const Placement& placement) const noexcept {
+  Mat6 covariance;
+  const std::optional<Rigid3> predicted = Predict(last_utime_, &covariance);
+  if (!predicted) return true;
+  const Vec3 miss = placement.camera_from_world.OriginOfTarget() - predicted->OriginOfTarget();
+  const double moved =
+      (predicted->OriginOfTarget() - last_camera_from_world_.OriginOfTarget()).norm();
+  const double angle = AngleBetween(placement.camera_from_world.rotation, predicted->rotation);
+  const double sigma_m = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
+  const double sigma_rad = std::sqrt(covariance.topLeftCorner<3, 3>().trace());
+  return miss.norm() < 0.1 + 0.1 * moved + 6.0 * sigma_m && angle < 0.05 + 6.0 * sigma_rad;
+}
+
+// From the cheapest to the widest search; the first that finds plenty, else the best there was.
 Expected<Placement> IncrementalMapper::PlaceFrame(const FrameView& frame,
                                                   SlotId keyframe) noexcept {
   const std::uint64_t seed = options_.seed + frame_count_;
+  Expected<Placement> best = Fail(Errc::kNotEnoughInliers, "inliers");
+  bool is_settled = false;  // the placer's associations are those of `best`
+  const auto consider = [&](const Expected<Placement>& placement) {
+    is_settled = false;
+    if (!placement || !IsPlausible(*placement)) return false;
+    if (best && best->num_inliers >= placement->num_inliers) return false;
+    best = placement;
+    is_settled = true;
+    return best->num_inliers >= kPlentyOfInliers;
+  };
   CollectKeyframes(true, options_.match_keyframes, keyframe);
   placer_.MatchWith(map_, frame, candidates_.span());
-  const auto first = placer_.Place(map_, frame, seed);
-  const bool is_plenty = first && first->num_inliers >= kPlentyOfInliers;
-  if (is_plenty || frame.descriptors.count == 0) return first;
+  if (consider(placer_.Place(map_, frame, seed)) || frame.descriptors.count == 0) return best;
 
   if (const auto predicted = Predict(last_utime_, nullptr)) {
-    const auto near = placer_.PlaceNear(map_, frame, *predicted, options_.guided_radius_px, seed);
-    if (near && near->num_inliers >= kPlentyOfInliers) return near;
+    if (consider(placer_.PlaceNear(map_, frame, *predicted, options_.guided_radius_px, seed)))
+      return best;
   }
   // The newest again, and the most similar of the older.
   const std::size_t num_newest = candidates_.size();
@@ -159,11 +182,20 @@ Expected<Placement> IncrementalMapper::PlaceFrame(const FrameView& frame,
   const std::span<const SlotId> all = candidates_.span();
   const std::span<const SlotId> similar = placer_.MostSimilar(
       map_, frame, options_.relocalise_keyframes, all.subspan(std::min(num_newest, all.size())));
-  if (similar.empty()) return first;
   std::copy(similar.begin(), similar.end(), candidates_.begin() + num_newest);
-  placer_.MatchWith(map_, frame, all.first(num_newest + similar.size()));
-  const auto wider = placer_.Place(map_, frame, seed);
-  return wider;
+  if (!similar.empty()) {
+    placer_.MatchWith(map_, frame, all.first(num_newest + similar.size()));
+    if (consider(placer_.Place(map_, frame, seed))) return best;
+  }
+  // Few landmarks: one neighbour's matches, landmarks or not.
+  const auto beside = initialiser_.PlaceBeside(map_, frame, last_utime_, placer_.matches(), nav_,
+                                               report_.scale_is_metric);
+  if (beside && IsPlausible(*beside)) {
+    best = beside;
+    is_settled = false;
+  }
+  if (best && !is_settled) placer_.Associate(map_, frame, best->camera_from_world);
+  return best;
 }
 
 void IncrementalMapper::Accept(const Placement& placement, SlotId keyframe) noexcept {

@@ -91,6 +91,7 @@ class IncrementalMapper {
   bool Initialise(SlotId keyframe) noexcept;
   void PlacePair(const InitialPair& pair) noexcept;
   void ForgetPlaced() noexcept;
+  bool IsPlausible(const Placement& placement) const noexcept;
   Expected<Placement> PlaceFrame(const FrameView& frame, SlotId keyframe) noexcept;
   void Accept(const Placement& placement, SlotId keyframe) noexcept;
   void Extend(SlotId keyframe) noexcept;

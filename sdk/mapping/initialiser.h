@@ -1,5 +1,5 @@
-// The first two views of a map: a pair with enough parallax among the keyframes that have no pose
-// yet.
+// What two views alone can do: the first pair of a map, and a frame whose neighbour shows the same
+// scene but few landmarks yet, as where stills overlap by half.
 #pragma once
 
 #include "rsfm/estimation/two_view.h"
@@ -29,13 +29,29 @@ class Initialiser {
                                  std::span<const KeyframeMatches> matches,
                                  const NavAid& nav) noexcept;
 
+  // The pose of a frame from its matches with a placed keyframe: the relative pose from all of
+  // them, the baseline's length from the landmarks among them or else from navigation (only where
+  // `scale_is_metric`). `reference` is that keyframe, num_inliers counts matches.
+  //   kNotEnoughInliers, kDegenerate  as FindPair; kNotEnoughData  nothing gives the length
+  Expected<Placement> PlaceBeside(const Map& map, const FrameView& frame, Utime utime,
+                                  std::span<const KeyframeMatches> matches, const NavAid& nav,
+                                  bool scale_is_metric) noexcept;
+
   std::size_t bytes() const { return two_view_.bytes() + pixels_a_.bytes() + pixels_b_.bytes(); }
 
  private:
+  Expected<TwoViewReport> Relate(const Map& map, std::span<const Feature> features,
+                                 const KeyframeMatches& with, const CameraMotion* motion) noexcept;
+  // The baseline's length that puts the matched landmarks on their rays: the median over those that
+  // agree with it. 0 where fewer than eight do.
+  double ScaleFromLandmarks(const Map& map, const FrameView& frame, const KeyframeMatches& with,
+                            const Rigid3& frame_from_keyframe) noexcept;
+
   MapperOptions options_;
   AnyCamera camera_;
   TwoViewEstimator two_view_;
   FixedVector<Vec2> pixels_a_, pixels_b_;
+  FixedVector<double> scales_;
 };
 
 }  // namespace rsfm

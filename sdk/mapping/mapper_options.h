@@ -54,7 +54,7 @@ struct MapperOptions {
   double max_error_px = 4.0;        // an observation farther from its landmark is an outlier
   int min_inliers = 20;             // fewer do not place a frame
   int ransac_iterations = 1000;     // the most of one robust estimate: bounds the latency
-  double min_angle_deg = 1.0;       // of a landmark's widest pair of rays
+  double min_angle_deg = 0.3;       // of a landmark's widest pair of rays
   double init_min_angle_deg = 2.0;  // median over the first two views
   int init_min_inliers = 60;
   int lost_frames_before_restart = 12;  // lost that long, a new map may begin (announced)

@@ -164,6 +164,7 @@ IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
     return id.valid() ? PublishKeyframe(mapper->map(), id, false, report.state, utime) : IoStatus();
   };
   if (auto s = update(report.left_window); !s) return s;
+  if (report.left_window.valid()) last_left_window_ = mapper->map().keyframe(report.left_window).id;
   for (const SlotId id : report.placed_late) {
     if (auto s = update(id); !s) return s;
   }
@@ -176,6 +177,8 @@ IoStatus MissionPublisher::PublishEnd(Utime utime, const StepReport& report,
                                       const FeedCounters& counters, IncrementalMapper* mapper) {
   if (auto s = PublishLandmarks(utime, &mapper->map()); !s) return s;
   for (const SlotId id : mapper->map().keyframes()) {
+    // Those that left the window have had their last word, while their landmarks were all there.
+    if (mapper->map().keyframe(id).id <= last_left_window_) continue;
     if (auto s = PublishKeyframe(mapper->map(), id, false, MapperState::kLost, utime); !s) return s;
   }
   return PublishStatus(utime, report, counters, *mapper);

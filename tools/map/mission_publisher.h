@@ -29,7 +29,7 @@ class MissionPublisher {
   // window or was placed late; landmarks that are new or have moved; the status once a second.
   IoStatus PublishStep(const std::string& image, Utime utime, const StepReport& report,
                        const FeedCounters& counters, IncrementalMapper* mapper);
-  // The last word on every keyframe and landmark that the map still holds, and a status.
+  // The last word on every keyframe still in the window, every landmark that has moved, a status.
   IoStatus PublishEnd(Utime utime, const StepReport& report, const FeedCounters& counters,
                       IncrementalMapper* mapper);
 
@@ -47,6 +47,7 @@ class MissionPublisher {
   MissionWriter* writer_;
   LcmBus* bus_;
   std::unordered_map<std::int32_t, std::string> image_of_keyframe_;
+  std::int32_t last_left_window_ = -1;
   Utime last_status_utime_ = 0;
   bool has_status_ = false;
 };
