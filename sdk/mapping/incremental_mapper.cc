@@ -79,7 +79,7 @@ Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noe
     }
   } else {
     CoastOn(frame.utime);
-    if (frames_lost_ >= options_.lost_frames_before_restart) Initialise(keyframe);
+    if (frames_lost_ >= FramesBeforeRestart()) Initialise(keyframe);
   }
   return report_;
 }
@@ -299,6 +299,12 @@ void IncrementalMapper::CoastOn(Utime utime) noexcept {
                                                                      : MapperState::kLost;
 }
 
+// Where navigation bridges the loss a new pair goes on in the same world, at once: there is no jump
+// in it. Otherwise a new pair ends the map, and is not to be taken lightly.
+int IncrementalMapper::FramesBeforeRestart() const noexcept {
+  return report_.state == MapperState::kDeadReckoning ? 2 : options_.lost_frames_before_restart;
+}
+
 bool IncrementalMapper::Initialise(SlotId keyframe) noexcept {
   if (!has_world()) report_.state = MapperState::kInitialising;
   if (!keyframe.valid()) return false;
@@ -315,16 +321,18 @@ bool IncrementalMapper::Initialise(SlotId keyframe) noexcept {
 }
 
 // Gives the first two keyframes of a map their poses. After a loss that navigation bridges they go
-// where it says; otherwise the old map ends and a new world begins. Both are jumps.
+// where it says; otherwise the old map ends and a new world begins: a jump.
 void IncrementalMapper::PlacePair(const InitialPair& pair) noexcept {
   Keyframe& first = map_.keyframe(pair.first);
   Keyframe& second = map_.keyframe(pair.second);
   Mat6 covariance = Mat6::Zero();
   std::optional<Rigid3> start;
   if (has_world()) {
-    ++report_.reset_counter;
-    if (pair.is_metric && report_.scale_is_metric) start = Predict(first.utime, &covariance);
-    if (!start) ForgetPlaced();
+    if (pair.is_metric) start = Predict(first.utime, &covariance);
+    if (!start) {
+      ++report_.reset_counter;
+      ForgetPlaced();
+    }
   }
   if (!start) {
     report_.scale_is_metric = pair.is_metric;

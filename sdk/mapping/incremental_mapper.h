@@ -88,6 +88,7 @@ class IncrementalMapper {
   Status Check(const FrameObservations& frame) const noexcept;
   void BeginReport(Utime utime) noexcept;
   SlotId StoreKeyframe(const FrameObservations& frame) noexcept;
+  int FramesBeforeRestart() const noexcept;
   bool Initialise(SlotId keyframe) noexcept;
   void PlacePair(const InitialPair& pair) noexcept;
   void ForgetPlaced() noexcept;

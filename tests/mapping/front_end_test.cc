@@ -1,0 +1,203 @@
+#include "rsfm/mapping/front_end.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <map>
+
+#include "rsfm/mapping/descriptor_matcher.h"
+#include "tests/mapping/blob_image.h"
+
+namespace rsfm {
+namespace {
+
+std::unique_ptr<FrontEnd> Make(const MapperOptions& options) {
+  return std::move(*FrontEnd::Create(options, BlobImage::kWidth, BlobImage::kHeight));
+}
+
+struct Bias {
+  Vec2 mean = Vec2::Zero();
+  int count = 0;
+};
+
+// Of the features within two sigma of a blob, from its centre.
+Bias BiasOf(std::span<const Feature> features, const BlobImage& image) {
+  Bias bias;
+  for (const Feature& feature : features) {
+    for (const Blob& blob : image.blobs()) {
+      const Vec2 error = feature.pixel() - blob.pixel;
+      if (error.norm() > 2.0 * blob.sigma_px) continue;
+      bias.mean += error;
+      ++bias.count;
+    }
+  }
+  bias.mean /= std::max(bias.count, 1);
+  return bias;
+}
+
+// The convention of pixels: half a pixel of error would be three times the tolerance.
+TEST(FrontEnd, FindsBlobsWhereTheyAre) {
+  const BlobImage image;
+  for (const auto& [type, tolerance_px] : std::map<DescriptorType, double>{
+           {DescriptorType::kSift, 0.06}, {DescriptorType::kAkaze, 0.15}}) {
+    MapperOptions options;
+    options.descriptor = type;
+    const auto front_end = Make(options);
+    const auto frame = front_end->Process(image.View(), 1, false);
+    ASSERT_TRUE(frame.has_value());
+    const Bias bias = BiasOf(frame->features, image);
+    EXPECT_GE(bias.count, 50) << ToString(type);
+    EXPECT_LT(bias.mean.norm(), tolerance_px) << ToString(type) << " " << bias.mean.transpose();
+  }
+}
+
+// ORB finds corners: around a blob they lie evenly, on every level of its pyramid.
+TEST(FrontEnd, OrbIsNotShiftedOnCoarseLevels) {
+  const BlobImage image(Vec2::Zero(), 4.0, 6.0);
+  MapperOptions options;
+  options.descriptor = DescriptorType::kOrb;
+  const auto front_end = Make(options);
+  const auto frame = front_end->Process(image.View(), 1, false);
+  ASSERT_TRUE(frame.has_value());
+  const Bias bias = BiasOf(frame->features, image);
+  EXPECT_GE(bias.count, 50);
+  EXPECT_LT(bias.mean.norm(), 0.25) << bias.mean.transpose();
+}
+
+TEST(FrontEnd, DescriptorsMatchAcrossAShift) {
+  for (const DescriptorType type :
+       {DescriptorType::kSift, DescriptorType::kOrb, DescriptorType::kAkaze}) {
+    MapperOptions options;
+    options.descriptor = type;
+    const Vec2 shift(3.3, -2.6);
+    const BlobImage first = BlobImage::Texture(Vec2::Zero()), second = BlobImage::Texture(shift);
+    const auto front_end_a = Make(options), front_end_b = Make(options);
+    const auto a = front_end_a->Process(first.View(), 1, false);
+    const auto b = front_end_b->Process(second.View(), 2, false);
+    ASSERT_TRUE(a.has_value() && b.has_value());
+    DescriptorMatcher matcher(options.max_features);
+    std::vector<DescriptorMatch> matches(static_cast<std::size_t>(options.max_features));
+    const int count = matcher.Match(a->descriptors, b->descriptors, 0.9, matches);
+    int right = 0;
+    for (int k = 0; k < count; ++k) {
+      const Vec2 motion = b->features[static_cast<std::size_t>(matches[k].train)].pixel() -
+                          a->features[static_cast<std::size_t>(matches[k].query)].pixel();
+      right += (motion - shift).norm() < 2.5;
+    }
+    EXPECT_GE(right, 50) << ToString(type);
+    EXPECT_GE(right, count * 9 / 10) << ToString(type);
+  }
+}
+
+TEST(FrontEnd, MaskKeepsFeaturesOut) {
+  for (const Rhythm rhythm : {Rhythm::kStills, Rhythm::kVideo}) {
+    MapperOptions options;
+    options.rhythm = rhythm;
+    options.mask.TryPushBack({-50, -50, 240, 160});  // reaches beyond the image
+    const auto front_end = Make(options);
+    const auto frame = front_end->Process(BlobImage().View(), 1, true);
+    ASSERT_TRUE(frame.has_value());
+    EXPECT_GE(frame->features.size(), 30u);
+    for (const Feature& feature : frame->features)
+      EXPECT_FALSE(feature.x_px < 239.0f && feature.y_px < 159.0f) << feature.pixel().transpose();
+  }
+}
+
+TEST(FrontEnd, VideoTracksToATenthOfAPixel) {
+  MapperOptions options;
+  options.rhythm = Rhythm::kVideo;
+  options.max_features = 300;
+  const auto front_end = Make(options);
+  const Vec2 step(1.7, 0.9);
+  std::map<std::uint32_t, Vec2> start;
+  for (int i = 0; i < 6; ++i) {
+    const BlobImage image(i * step);
+    const auto frame = front_end->Process(image.View(), i, false);
+    ASSERT_TRUE(frame.has_value());
+    if (i == 0) {
+      EXPECT_EQ(frame->descriptors.count, static_cast<int>(frame->features.size()));
+      for (const Feature& f : frame->features) start[f.track] = f.pixel();
+      EXPECT_GE(start.size(), 60u);
+      continue;
+    }
+    EXPECT_EQ(frame->descriptors.count, 0);  // between keyframes
+    double sum = 0.0;
+    std::uint32_t last_track = 0;
+    for (const Feature& f : frame->features) {
+      ASSERT_TRUE(start.contains(f.track));
+      EXPECT_GE(f.track, last_track);  // ascending
+      last_track = f.track;
+      sum += (f.pixel() - start[f.track] - i * step).norm();
+    }
+    EXPECT_GE(frame->features.size(), start.size() * 8 / 10);
+    EXPECT_LT(sum / static_cast<double>(frame->features.size()), 0.1);
+  }
+}
+
+TEST(FrontEnd, VideoMakesAKeyframeWhenMuchHasMovedOrWhenAsked) {
+  MapperOptions options;
+  options.rhythm = Rhythm::kVideo;
+  options.keyframe_motion = 0.02;  // 9.6 px
+  const auto front_end = Make(options);
+  std::vector<int> keyframes;
+  for (int i = 0; i < 8; ++i) {
+    const auto frame = front_end->Process(BlobImage(i * Vec2(2.5, 0.0)).View(), i, i == 6);
+    ASSERT_TRUE(frame.has_value());
+    if (frame->descriptors.count > 0) keyframes.push_back(i);
+  }
+  EXPECT_EQ(keyframes, (std::vector<int>{0, 4, 6}));
+}
+
+TEST(FrontEnd, SameImageSameBytes) {
+  for (const Rhythm rhythm : {Rhythm::kStills, Rhythm::kVideo}) {
+    MapperOptions options;
+    options.rhythm = rhythm;
+    std::vector<std::uint8_t> first;
+    for (int run = 0; run < 2; ++run) {
+      const auto front_end = Make(options);
+      const auto frame = front_end->Process(BlobImage().View(), 1, true);
+      ASSERT_TRUE(frame.has_value());
+      std::vector<std::uint8_t> bytes(
+          frame->descriptors.data,
+          frame->descriptors.data +
+              frame->descriptors.count * DescriptorStride(options.descriptor));
+      for (const Feature& f : frame->features) {
+        const auto* raw = reinterpret_cast<const std::uint8_t*>(&f.x_px);
+        bytes.insert(bytes.end(), raw, raw + 2 * sizeof(float));
+      }
+      if (run == 0) first = bytes;
+      EXPECT_TRUE(bytes == first);
+    }
+  }
+}
+
+TEST(FrontEnd, RefusesWhatIsNoImageOfItsSize) {
+  for (const Rhythm rhythm : {Rhythm::kStills, Rhythm::kVideo}) {
+    MapperOptions options;
+    options.rhythm = rhythm;
+    const auto front_end = Make(options);
+    BlobImage image;
+    ImageView view = image.View();
+    view.height -= 1;
+    EXPECT_STREQ(front_end->Process(view, 1, false).error().where, "size");
+    view = image.View();
+    view.channels = 4;
+    EXPECT_STREQ(front_end->Process(view, 1, false).error().where, "image");
+    view = image.View();
+    view.data = nullptr;
+    EXPECT_STREQ(front_end->Process(view, 1, false).error().where, "image");
+    EXPECT_TRUE(front_end->Process(image.View(), 1, false).has_value());
+    // All black: an image, with nothing in it.
+    std::fill(image.bytes().begin(), image.bytes().end(), std::uint8_t{0});
+    const auto black = front_end->Process(image.View(), 2, true);
+    ASSERT_TRUE(black.has_value());
+    EXPECT_LT(black->features.size(), 5u);
+  }
+  EXPECT_STREQ(FrontEnd::Create(MapperOptions{}, 20, 300).error().where, "size");
+  MapperOptions bad;
+  bad.max_features = 0;
+  EXPECT_STREQ(FrontEnd::Create(bad, 640, 480).error().where, "max_features");
+}
+
+}  // namespace
+}  // namespace rsfm
