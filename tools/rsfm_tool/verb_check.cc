@@ -1,11 +1,14 @@
 #include "tools/rsfm_tool/verb_check.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <string>
 #include <vector>
 
 #include "rsfm/io/rig.h"
+#include "rsfm/mapping/incremental_mapper.h"
 #include "rsfm/refraction/any_camera.h"
 #include "rsfm/refraction/best_fit.h"
 #include "tools/common/exit.h"
@@ -93,6 +96,25 @@ void PrintBestFit(const AnyCamera& camera) {
   }
 }
 
+// What the on-board mapper takes from the heap when it is made; it takes nothing later, OpenCV's
+// buffers excepted.
+int PrintMemory(const Rig& rig, const AnyCamera& camera, const std::string& file) {
+  const auto mapper = IncrementalMapper::Create(rig.mapper, camera, rig.body_from_camera);
+  if (!mapper) {
+    return Report({mapper.error().code, file, std::string("mapper.") + mapper.error().where,
+                   "is not possible", "correct it in the rig file"});
+  }
+  constexpr double kMebi = 1024.0 * 1024.0;
+  const MemoryPlan plan = (*mapper)->memory_plan();
+  std::printf("mapper memory %.1f MiB, taken at the start:\n",
+              static_cast<double>(plan.total()) / kMebi);
+  for (const MemoryPlan::Item& item : plan.items) {
+    std::printf("              %8.2f MiB  %s\n", static_cast<double>(item.bytes) / kMebi,
+                item.name);
+  }
+  return 0;
+}
+
 }  // namespace
 
 CLI::App* DeclareCheck(CLI::App& app, CheckOptions* options) {
@@ -115,6 +137,7 @@ int RunCheck(const CheckOptions& options) {
   PrintCamera(*camera);
   PrintPort(rig->camera.port);
   PrintBestFit(*camera);
+  if (const int code = PrintMemory(*rig, *camera, options.rig); code != 0) return code;
   return FinishStdout();
 }
 
