@@ -16,10 +16,12 @@ constexpr Bounds kIndexBounds{1.0, kMaxIndex, "give an index of refraction from 
 constexpr Bounds kThicknessBounds{0.0, 1.0, "give metres from 0 to 1"};
 constexpr Bounds kDistanceBounds{0.0, 10.0, "give metres from 0 to 10"};
 constexpr Bounds kRadiusBounds{1e-6, 10.0, "give the inner radius in metres, over 0, up to 10"};
+constexpr Bounds kWavelengthBounds{400.0, 700.0, "give nanometres from 400 to 700"};
 
-// `water: {temperature_c, salinity_psu, depth_m}` in place of index_water. The index of sea water
-// is relative to air, as the other two are where index_air is 1.
-void ReadWater(YamlMap* port, double index_air, double* index_water) {
+// `water: {temperature_c, salinity_psu, depth_m}` in place of index_water, at the port's
+// wavelength_nm unless it has its own. The index of sea water is relative to air, as the other two
+// are where index_air is 1.
+void ReadWater(YamlMap* port, double index_air, double wavelength_nm, double* index_water) {
   const YAML::Node node = port->GetMap("water", Need::kRequired);
   port->Ignore("index_water");
   if (port->Has("index_water")) {
@@ -30,13 +32,13 @@ void ReadWater(YamlMap* port, double index_air, double* index_water) {
   constexpr Bounds kTemperature{0.0, 30.0, "give degrees Celsius from 0 to 30"};
   constexpr Bounds kSalinity{0.0, 43.0, "give practical salinity units from 0 to 43"};
   constexpr Bounds kDepth{0.0, 10700.0, "give metres below the surface from 0 to 10700"};
-  constexpr Bounds kWavelength{400.0, 700.0, "give nanometres from 400 to 700"};
   WaterConditions water;
+  water.wavelength_nm = wavelength_nm;
   bool is_good =
       map.GetNumber("temperature_c", Need::kRequired, kTemperature, &water.temperature_c);
   is_good &= map.GetNumber("salinity_psu", Need::kRequired, kSalinity, &water.salinity_psu);
   is_good &= map.GetNumber("depth_m", Need::kRequired, kDepth, &water.depth_m);
-  map.GetNumber("wavelength_nm", Need::kOptional, kWavelength, &water.wavelength_nm);
+  map.GetNumber("wavelength_nm", Need::kOptional, kWavelengthBounds, &water.wavelength_nm);
   map.Finish();
   if (!is_good) return;
   const auto index = SeaWaterIndex(water);
@@ -45,6 +47,24 @@ void ReadWater(YamlMap* port, double index_air, double* index_water) {
     return;
   }
   *index_water = index_air * *index;
+}
+
+// `glass: BK7` in place of index_glass; relative to air, as water.
+void ReadGlass(YamlMap* port, double index_air, double wavelength_nm, double* index_glass) {
+  std::string name;
+  port->Ignore("index_glass");
+  if (port->Has("index_glass")) {
+    port->AddProblem("index_glass", "is given beside glass", "keep one of them");
+  }
+  if (!port->GetText("glass", Need::kRequired, &name)) return;
+  const auto glass = GlassFromName(name);
+  if (!glass) {
+    port->AddProblem("glass", Quoted(name) + " is not a glass that is known here",
+                     "give BK7, fused_silica, sapphire or acrylic, or index_glass as a number");
+    return;
+  }
+  const auto index = GlassIndex(*glass, wavelength_nm);
+  if (index) *index_glass = index_air * *index;  // the wavelength has been checked
 }
 
 }  // namespace
@@ -164,8 +184,9 @@ void ReadPortSection(const YAML::Node& node, const std::string& file,
     result.type = PortType::kNone;
     // What a port of glass would have means nothing, but it is no harm: files switch back and
     // forth while a rig is being tried.
-    for (const char* key : {"normal", "distance_m", "center_m", "radius_m", "thickness_m",
-                            "index_air", "index_glass", "index_water", "water"}) {
+    for (const char* key :
+         {"normal", "distance_m", "center_m", "radius_m", "thickness_m", "index_air", "index_glass",
+          "glass", "index_water", "water", "wavelength_nm"}) {
       map.Ignore(key);
     }
   } else if (type == "flat" || type == "dome") {
@@ -180,9 +201,15 @@ void ReadPortSection(const YAML::Node& node, const std::string& file,
     }
     map.GetNumber("thickness_m", Need::kRequired, kThicknessBounds, &result.thickness_m);
     map.GetNumber("index_air", Need::kOptional, kIndexBounds, &result.index_air);
-    map.GetNumber("index_glass", Need::kRequired, kIndexBounds, &result.index_glass);
+    double wavelength_nm = WaterConditions().wavelength_nm;
+    map.GetNumber("wavelength_nm", Need::kOptional, kWavelengthBounds, &wavelength_nm);
+    if (map.Has("glass")) {
+      ReadGlass(&map, result.index_air, wavelength_nm, &result.index_glass);
+    } else {
+      map.GetNumber("index_glass", Need::kRequired, kIndexBounds, &result.index_glass);
+    }
     if (map.Has("water")) {
-      ReadWater(&map, result.index_air, &result.index_water);
+      ReadWater(&map, result.index_air, wavelength_nm, &result.index_water);
     } else {
       map.GetNumber("index_water", Need::kRequired, kIndexBounds, &result.index_water);
     }

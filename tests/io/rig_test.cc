@@ -175,6 +175,21 @@ INSTANTIATE_TEST_SUITE_P(
                "out of range: 0.9", "from 1"},
         BadRig{"IndexIsNan", "index_glass: 1.52\n  index_water", "index_glass: nan\n  index_water",
                12, "port.index_glass", "not finite", "from 1"},
+        BadRig{"UnknownGlass", "index_glass: 1.52", "glass: granite", 12, "port.glass",
+               "'granite' is not a glass", "BK7, fused_silica, sapphire or acrylic"},
+        BadRig{"GlassTwice", "index_glass: 1.52", "glass: BK7\n  index_glass: 1.52", 13,
+               "port.index_glass", "beside glass", "keep one"},
+        BadRig{"InfraredLight", "index_glass: 1.52", "glass: BK7\n  wavelength_nm: 900", 13,
+               "port.wavelength_nm", "out of range: 900", "400 to 700"},
+        BadRig{"WaterWithoutSalinity", "index_water: 1.334",
+               "water: {temperature_c: 8, depth_m: 2}", 13, "port.water.salinity_psu", "missing",
+               "add"},
+        BadRig{"FrozenWater", "index_water: 1.334",
+               "water: {temperature_c: -4, salinity_psu: 35, depth_m: 2}", 13,
+               "port.water.temperature_c", "out of range: -4", "0 to 30"},
+        BadRig{"WaterAboveTheSurface", "index_water: 1.334",
+               "water: {temperature_c: 4, salinity_psu: 35, depth_m: -2}", 13, "port.water.depth_m",
+               "out of range: -2", "below the surface"},
         BadRig{"UnknownPort", "type: flat", "type: conical", 7, "port.type", "'conical'",
                "flat, dome or none"},
         BadRig{"CameraOutsideItsDome", "[0, 0, 0.003]", "[0, 0, 0.06]", 8, "port.center_m",
@@ -234,6 +249,37 @@ TEST(RigTest, WaterConditionsStandForTheIndex) {
                             "rig.yaml");
   ASSERT_FALSE(hot);
   EXPECT_EQ(hot.error().field, "port.water.temperature_c");
+}
+
+TEST(RigTest, AGlassStandsForItsIndex) {
+  for (const Glass glass : {Glass::kBk7, Glass::kFusedSilica, Glass::kSapphire, Glass::kAcrylic}) {
+    const std::string line = "glass: " + std::string(ToString(glass));
+    const auto rig = ParseRig(Replaced(kFlat, "index_glass: 1.52", line), "rig.yaml");
+    ASSERT_TRUE(rig) << ToString(rig.error());
+    EXPECT_EQ(rig->camera.port.index_glass, *GlassIndex(glass, 530.0));
+    const auto blue =
+        ParseRig(Replaced(kFlat, "index_glass: 1.52", line + "\n  wavelength_nm: 450"), "rig.yaml");
+    ASSERT_TRUE(blue) << ToString(blue.error());
+    EXPECT_EQ(blue->camera.port.index_glass, *GlassIndex(glass, 450.0));
+  }
+}
+
+// One wavelength for both; water's own comes first.
+TEST(RigTest, TheWavelengthIsThatOfGlassAndWater) {
+  const auto index = [](const char* water) {
+    const std::string text = Replaced(Replaced(kFlat, "index_glass: 1.52", "wavelength_nm: 450"),
+                                      "index_water: 1.334", std::string("glass: BK7\n  ") + water);
+    const auto rig = ParseRig(text, "rig.yaml");
+    EXPECT_TRUE(rig) << ToString(rig.error());
+    return rig ? rig->camera.port.index_water : 0.0;
+  };
+  WaterConditions water{.temperature_c = 8, .salinity_psu = 35, .depth_m = 20};
+  water.wavelength_nm = 450;
+  EXPECT_EQ(index("water: {temperature_c: 8, salinity_psu: 35, depth_m: 20}"),
+            *SeaWaterIndex(water));
+  water.wavelength_nm = 600;
+  EXPECT_EQ(index("water: {temperature_c: 8, salinity_psu: 35, depth_m: 20, wavelength_nm: 600}"),
+            *SeaWaterIndex(water));
 }
 
 TEST(RigTest, ReadsCalibmar) {
