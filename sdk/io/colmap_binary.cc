@@ -11,8 +11,14 @@ constexpr std::size_t kFeatureBytes = 2 * 8 + 8;
 constexpr std::size_t kLeastPointBytes = 8 + 3 * 8 + 3 + 8 + 8;
 constexpr std::size_t kTrackElementBytes = 4 + 4;
 
-tl::unexpected<Diagnostic> Corrupt(const std::string& name, std::string problem) {
-  return Fail({Errc::kCorrupt, name, "", std::move(problem), "write the model again"});
+tl::unexpected<Diagnostic> Corrupt(const std::string& name, const BinaryReader& reader,
+                                   std::string field, const std::string& problem) {
+  return Fail({Errc::kCorrupt, name, std::move(field),
+               problem + ", at byte " + std::to_string(reader.offset()), "write the model again"});
+}
+
+std::string Which(const char* kind, std::uint64_t index, std::uint64_t count) {
+  return kind + std::to_string(index + 1) + " of " + std::to_string(count);
 }
 
 bool ReadFeatures(BinaryReader* reader, ColmapImage* image) {
@@ -47,7 +53,7 @@ IoExpected<std::vector<ColmapImage>> ParseColmapImagesBinary(const std::string& 
   BinaryReader reader(bytes);
   std::uint64_t count = 0;
   if (!reader.Read(&count) || !reader.CanHold(count, kLeastImageBytes)) {
-    return Corrupt(name, "is cut off or not an images.bin");
+    return Corrupt(name, reader, "", "is cut off or not an images.bin");
   }
   std::vector<ColmapImage> images(count);
   for (std::uint64_t i = 0; i < count; ++i) {
@@ -57,14 +63,13 @@ IoExpected<std::vector<ColmapImage>> ParseColmapImagesBinary(const std::string& 
     for (double& value : pose) reader.Read(&value);
     reader.Read(&image.camera_id);
     if (!reader.ReadText(&image.image.name) || !ReadFeatures(&reader, &image)) {
-      return Corrupt(name, "is cut off or damaged in image " + std::to_string(i + 1) + " of " +
-                               std::to_string(count));
+      return Corrupt(name, reader, Which("image ", i, count), "is cut off or damaged");
     }
     if (!SetPose(pose, &image.image.camera_from_world)) {
-      return Corrupt(name, "image " + std::to_string(image.image.id) + " has no possible pose");
+      return Corrupt(name, reader, Which("image ", i, count), "has no possible pose");
     }
   }
-  if (!reader.AtEnd()) return Corrupt(name, "has bytes after its last image");
+  if (!reader.AtEnd()) return Corrupt(name, reader, "", "has bytes after its last image");
   return images;
 }
 
@@ -73,7 +78,7 @@ IoExpected<std::vector<ColmapPoint>> ParseColmapPointsBinary(const std::string& 
   BinaryReader reader(bytes);
   std::uint64_t count = 0;
   if (!reader.Read(&count) || !reader.CanHold(count, kLeastPointBytes)) {
-    return Corrupt(name, "is cut off or not a points3D.bin");
+    return Corrupt(name, reader, "", "is cut off or not a points3D.bin");
   }
   std::vector<ColmapPoint> points(count);
   for (std::uint64_t i = 0; i < count; ++i) {
@@ -83,14 +88,13 @@ IoExpected<std::vector<ColmapPoint>> ParseColmapPointsBinary(const std::string& 
     for (std::uint8_t& colour : point.point.rgb) reader.Read(&colour);
     reader.Read(&point.point.error_px);
     if (!ReadTrack(&reader, &point)) {
-      return Corrupt(name, "is cut off or damaged in point " + std::to_string(i + 1) + " of " +
-                               std::to_string(count));
+      return Corrupt(name, reader, Which("point ", i, count), "is cut off or damaged");
     }
     if (!point.point.xyz.allFinite() || !std::isfinite(point.point.error_px)) {
-      return Corrupt(name, "point " + std::to_string(point.point.id) + " is not finite");
+      return Corrupt(name, reader, Which("point ", i, count), "is not finite");
     }
   }
-  if (!reader.AtEnd()) return Corrupt(name, "has bytes after its last point");
+  if (!reader.AtEnd()) return Corrupt(name, reader, "", "has bytes after its last point");
   return points;
 }
 

@@ -12,6 +12,9 @@ namespace {
 
 constexpr std::int64_t kMaxImageSide = 1 << 16;
 
+// Ids of ports in a cameras.bin with ports.
+constexpr std::int32_t kNoColmapPort = -1, kColmapFlatPort = 0, kColmapDomePort = 1;
+
 // Fields behind the lens parameters: nothing, or a port's name and its parameters.
 IoStatus ParsePort(const std::vector<std::string_view>& fields, std::size_t first,
                    const std::string& name, int line, PortConfig* port) {
@@ -121,55 +124,141 @@ IoExpected<std::vector<ModelCamera>> ParseColmapCamerasText(const std::string& t
   return cameras;
 }
 
+namespace {
+
+// A cameras.bin under way: what is wrong is named by camera, byte and field.
+struct CameraBytes {
+  BinaryReader reader;
+  const std::string& name;
+  std::uint64_t number = 0;  // of the camera, from 1
+  bool is_cut = false;       // all went well up to the end, which came too early
+
+  tl::unexpected<Diagnostic> Fail(Errc code, const std::string& field, const std::string& problem,
+                                  std::string fix) const {
+    const std::string camera = number > 0 ? "camera " + std::to_string(number) + " " : "";
+    return rsfm::Fail({code, name, std::string(Trim(camera + field)),
+                       problem + ", at byte " + std::to_string(reader.offset()), std::move(fix)});
+  }
+  tl::unexpected<Diagnostic> Cut(const std::string& field) {
+    is_cut = true;
+    return Fail(Errc::kCorrupt, field, "is cut off", "write the file again");
+  }
+};
+
+IoStatus ReadLens(CameraBytes* bytes, ModelCamera* camera) {
+  BinaryReader& reader = bytes->reader;
+  std::int32_t model = 0;
+  std::uint64_t width = 0, height = 0;
+  if (!reader.Read(&camera->id)) return bytes->Cut("CAMERA_ID");
+  if (!reader.Read(&model)) return bytes->Cut("MODEL");
+  const auto lens = LensModelFromColmapId(model);
+  if (!lens) {
+    return bytes->Fail(Errc::kUnsupported, "MODEL",
+                       "is lens model id " + std::to_string(model) + ", which is not known here",
+                       "convert it to one of " + LensModelNames());
+  }
+  if (!reader.Read(&width) || !reader.Read(&height)) return bytes->Cut("WIDTH HEIGHT");
+  constexpr auto kMaxSide = static_cast<std::uint64_t>(kMaxImageSide);
+  if (width < 1 || height < 1 || width > kMaxSide || height > kMaxSide) {
+    return bytes->Fail(
+        Errc::kCorrupt, "WIDTH HEIGHT",
+        "is no image size: " + std::to_string(width) + " x " + std::to_string(height),
+        "give pixels, from 1 to " + std::to_string(kMaxImageSide));
+  }
+  std::vector<double> params(static_cast<std::size_t>(NumLensParams(*lens)));
+  for (double& value : params) {
+    if (!reader.Read(&value)) return bytes->Cut("PARAMS");
+    if (!std::isfinite(value)) {
+      return bytes->Fail(Errc::kCorrupt, "PARAMS", "has a value that is not finite",
+                         "give " + std::string(LensParamNames(*lens)));
+    }
+  }
+  camera->config.width = static_cast<int>(width);
+  camera->config.height = static_cast<int>(height);
+  std::string field, problem, fix;
+  if (!SetLens(std::string(ToString(*lens)), params, &camera->config, &field, &problem, &fix)) {
+    return bytes->Fail(Errc::kCorrupt, "PARAMS", problem, fix);
+  }
+  return {};
+}
+
+IoStatus ReadPort(CameraBytes* bytes, PortConfig* port) {
+  BinaryReader& reader = bytes->reader;
+  std::int32_t model = 0;
+  if (!reader.Read(&model)) return bytes->Cut("REFRAC_MODEL");
+  if (model == kNoColmapPort) return {};
+  if (model != kColmapFlatPort && model != kColmapDomePort) {
+    return bytes->Fail(Errc::kCorrupt, "REFRAC_MODEL",
+                       "is port id " + std::to_string(model) + ", which is not known here",
+                       "give 0 (FLATPORT), 1 (DOMEPORT) or -1 (none)");
+  }
+  PortParams params;
+  for (double& value : params) {
+    if (!reader.Read(&value)) return bytes->Cut("REFRAC_PARAMS");
+  }
+  port->type = model == kColmapFlatPort ? PortType::kFlat : PortType::kDome;
+  port->SetParams(params);
+  std::vector<Diagnostic> problems;
+  CheckPortParams(*port, bytes->name, "REFRAC_PARAMS ", 0, &problems);
+  if (problems.empty()) return {};
+  const Diagnostic& first = problems.front();
+  return bytes->Fail(first.code, first.field, first.problem, first.fix);
+}
+
+// How far a reading came, for the better of two explanations of one failure.
+struct CameraReading {
+  IoExpected<std::vector<ModelCamera>> cameras;
+  std::size_t offset = 0;
+  bool is_cut = false;
+};
+
+CameraReading ReadCameras(const std::string& data, const std::string& name, bool with_port) {
+  CameraBytes bytes{BinaryReader(data), name};
+  std::vector<ModelCamera> cameras;
+  const auto read = [&]() -> IoStatus {
+    std::uint64_t count = 0;
+    constexpr std::size_t kLeastCameraBytes = 24 + 3 * sizeof(double);
+    if (!bytes.reader.Read(&count)) return bytes.Cut("the number of cameras");
+    if (!bytes.reader.CanHold(count, kLeastCameraBytes)) {
+      bytes.is_cut = true;
+      return bytes.Fail(Errc::kCorrupt, "",
+                        "is cut off, or not a cameras.bin: it says that it holds " +
+                            std::to_string(count) + " cameras",
+                        "write the file again");
+    }
+    for (bytes.number = 1; bytes.number <= count; ++bytes.number) {
+      ModelCamera camera;
+      if (auto status = ReadLens(&bytes, &camera); !status) return status;
+      if (with_port) {
+        if (auto status = ReadPort(&bytes, &camera.config.port); !status) return status;
+      }
+      cameras.push_back(std::move(camera));
+    }
+    bytes.number = 0;
+    if (!bytes.reader.AtEnd()) {
+      return bytes.Fail(Errc::kCorrupt, "", "has bytes after its last camera",
+                        "write the file again");
+    }
+    return CheckIds(cameras, name);
+  };
+  if (auto status = read(); !status)
+    return {rsfm::Fail(status.error()), bytes.reader.offset(), bytes.is_cut};
+  return {std::move(cameras), bytes.reader.offset(), false};
+}
+
+}  // namespace
+
 IoExpected<std::vector<ModelCamera>> ParseColmapCamerasBinary(const std::string& bytes,
                                                               const std::string& name) {
-  const auto corrupt = [&](std::string problem) {
-    return Fail({Errc::kCorrupt, name, "", std::move(problem), "write the file again"});
-  };
-  BinaryReader reader(bytes);
-  std::uint64_t count = 0;
-  constexpr std::size_t kLeastCameraBytes = 24 + 3 * sizeof(double);
-  if (!reader.Read(&count) || !reader.CanHold(count, kLeastCameraBytes)) {
-    return corrupt("is cut off or not a cameras.bin");
-  }
-  std::vector<ModelCamera> cameras;
-  for (std::uint64_t i = 0; i < count; ++i) {
-    ModelCamera camera;
-    std::int32_t model = 0;
-    std::uint64_t width = 0, height = 0;
-    if (!reader.Read(&camera.id) || !reader.Read(&model) || !reader.Read(&width) ||
-        !reader.Read(&height)) {
-      return corrupt("is cut off in camera " + std::to_string(i + 1));
-    }
-    const auto lens = LensModelFromColmapId(model);
-    if (!lens) {
-      return Fail({Errc::kUnsupported, name, "camera " + std::to_string(camera.id),
-                   "has lens model id " + std::to_string(model) + ", which is not known here",
-                   "convert it to one of " + LensModelNames()});
-    }
-    if (width < 1 || height < 1 || width > static_cast<std::uint64_t>(kMaxImageSide) ||
-        height > static_cast<std::uint64_t>(kMaxImageSide)) {
-      return corrupt("camera " + std::to_string(camera.id) + " has no possible image size");
-    }
-    std::vector<double> params(static_cast<std::size_t>(NumLensParams(*lens)));
-    for (double& value : params) {
-      if (!reader.Read(&value)) return corrupt("is cut off in camera " + std::to_string(i + 1));
-      if (!std::isfinite(value)) {
-        return corrupt("camera " + std::to_string(camera.id) +
-                       " has a parameter that is not finite");
-      }
-    }
-    camera.config.width = static_cast<int>(width);
-    camera.config.height = static_cast<int>(height);
-    std::string field, problem, fix;
-    if (!SetLens(std::string(ToString(*lens)), params, &camera.config, &field, &problem, &fix)) {
-      return corrupt("camera " + std::to_string(camera.id) + ": " + problem);
-    }
-    cameras.push_back(std::move(camera));
-  }
-  if (!reader.AtEnd()) return corrupt("has bytes after its last camera");
-  if (auto status = CheckIds(cameras, name); !status) return Fail(status.error());
-  return cameras;
+  CameraReading plain = ReadCameras(bytes, name, false);
+  if (plain.cameras) return std::move(plain.cameras);
+  CameraReading with_port = ReadCameras(bytes, name, true);
+  // Neither: the reading that ran into the file's end, or else the one that came farther, says what
+  // is wrong with it.
+  const bool explains_better =
+      with_port.is_cut != plain.is_cut ? with_port.is_cut : with_port.offset > plain.offset;
+  const bool is_port_file = with_port.cameras || explains_better;
+  return std::move(is_port_file ? with_port.cameras : plain.cameras);
 }
 
 std::string FormatColmapCamerasText(const std::vector<ModelCamera>& cameras, bool with_port) {
@@ -192,7 +281,7 @@ std::string FormatColmapCamerasText(const std::vector<ModelCamera>& cameras, boo
   return text;
 }
 
-std::string FormatColmapCamerasBinary(const std::vector<ModelCamera>& cameras) {
+std::string FormatColmapCamerasBinary(const std::vector<ModelCamera>& cameras, bool with_port) {
   std::string bytes;
   AppendBinary(&bytes, static_cast<std::uint64_t>(cameras.size()));
   for (const ModelCamera& camera : cameras) {
@@ -201,6 +290,13 @@ std::string FormatColmapCamerasBinary(const std::vector<ModelCamera>& cameras) {
     AppendBinary(&bytes, static_cast<std::uint64_t>(camera.config.width));
     AppendBinary(&bytes, static_cast<std::uint64_t>(camera.config.height));
     for (const double value : camera.config.lens_params) AppendBinary(&bytes, value);
+    if (!with_port) continue;
+    const PortConfig& port = camera.config.port;
+    AppendBinary(&bytes, port.type == PortType::kNone   ? kNoColmapPort
+                         : port.type == PortType::kFlat ? kColmapFlatPort
+                                                        : kColmapDomePort);
+    if (port.type == PortType::kNone) continue;
+    for (const double value : port.Params()) AppendBinary(&bytes, value);
   }
   return bytes;
 }

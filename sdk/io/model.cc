@@ -274,15 +274,16 @@ IoStatus WriteModelFiles(const Model& model, const fs::path& folder, ModelFormat
   std::vector<ColmapPoint> points;
   FillColmap(model, camera_ids, &images, &points);
 
-  const bool is_binary = format == ModelFormat::kColmapBinary;
+  const bool is_binary =
+      format == ModelFormat::kColmapBinary || format == ModelFormat::kColmapUnderwaterBinary;
+  const bool with_port =
+      format == ModelFormat::kColmapUnderwater || format == ModelFormat::kColmapUnderwaterBinary;
   const auto write = [&](const char* stem, const std::string& content) {
     return WriteFileAtomically(folder / (std::string(stem) + (is_binary ? ".bin" : ".txt")),
                                content);
   };
-  IoStatus status =
-      write("cameras",
-            is_binary ? FormatColmapCamerasBinary(cameras)
-                      : FormatColmapCamerasText(cameras, format == ModelFormat::kColmapUnderwater));
+  IoStatus status = write("cameras", is_binary ? FormatColmapCamerasBinary(cameras, with_port)
+                                               : FormatColmapCamerasText(cameras, with_port));
   if (status) {
     status = write("images",
                    is_binary ? FormatColmapImagesBinary(images) : FormatColmapImagesText(images));

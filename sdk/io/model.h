@@ -57,9 +57,10 @@ struct Model {
 Status Validate(const Model& model);
 
 enum class ModelFormat : std::uint8_t {
-  kColmapBinary,      // cameras.bin images.bin points3D.bin
-  kColmapText,        // .txt
-  kColmapUnderwater,  // .txt, with colmap_underwater's port columns in cameras.txt
+  kColmapBinary,            // cameras.bin images.bin points3D.bin
+  kColmapText,              // .txt
+  kColmapUnderwater,        // .txt, with colmap_underwater's port columns in cameras.txt
+  kColmapUnderwaterBinary,  // .bin, with the port behind each camera in cameras.bin
 };
 
 // A model folder: COLMAP's three files (.bin preferred where both exist), rig.yaml with the port,

@@ -91,7 +91,8 @@ class ModelTest : public ::testing::Test {
 TEST_F(ModelTest, EveryFormatReadsBackExactly) {
   const Model model = SampleModel();
   for (const ModelFormat format :
-       {ModelFormat::kColmapBinary, ModelFormat::kColmapText, ModelFormat::kColmapUnderwater}) {
+       {ModelFormat::kColmapBinary, ModelFormat::kColmapText, ModelFormat::kColmapUnderwater,
+        ModelFormat::kColmapUnderwaterBinary}) {
     ASSERT_TRUE(WriteModel(model, path_, format));
     const auto back = ReadModel(path_);
     ASSERT_TRUE(back) << ToString(back.error());
@@ -111,6 +112,12 @@ TEST_F(ModelTest, UnderwaterColumnsHoldThePortWithoutRigYaml) {
   const auto back = ReadModel(path_);
   ASSERT_TRUE(back);
   EXPECT_EQ(back->rig.camera.port.type, PortType::kFlat);
+  const fs::path second = folder_.path() / "binary";
+  ASSERT_TRUE(WriteModel(SampleModel(), second, ModelFormat::kColmapUnderwaterBinary));
+  fs::remove(second / "rig.yaml");
+  const auto binary = ReadModel(second);
+  ASSERT_TRUE(binary) << ToString(binary.error());
+  EXPECT_EQ(binary->rig.camera.port.Params(), back->rig.camera.port.Params());
 }
 
 TEST_F(ModelTest, EveryTruncationOfTheBinaryFilesIsFound) {
