@@ -174,31 +174,33 @@ void Renderer::ShadePixel(const Eigen::Matrix3f& camera_from_scene, std::size_t 
     return Vec3f(Vec3f(rays.ox[sample], rays.oy[sample], rays.oz[sample]) +
                  s.hits[sample].range_m * Vec3f(rays.dx[sample], rays.dy[sample], rays.dz[sample]));
   };
+  const std::span<const TriangleMesh> meshes = scene_.meshes();
+  const auto normal_of = [&](std::size_t sample) {
+    return InterpolatedNormal(meshes[s.hits[sample].mesh], s.hits[sample]);
+  };
   const std::size_t count = samples_;
   bool is_one_mesh = num_points == count;
   for (std::size_t i = 1; i < num_points; ++i) {
     is_one_mesh &= s.points[first_point + i].mesh == s.points[first_point].mesh;
   }
   if (is_one_mesh) {
-    const std::size_t a = (count - 1) / 2;
-    const std::size_t b = count / 2;
+    const std::size_t a = first_sample + (count - 1) / 2;
+    const std::size_t b = first_sample + count / 2;
     Rgb albedo = {0.0f, 0.0f, 0.0f};
     for (std::size_t i = 0; i < count; ++i) {
       for (int c = 0; c < 3; ++c) albedo[c] += s.albedo[first_point + i][c];
     }
-    const Vec3f normal =
-        camera_from_scene * (s.points[first_point + a].normal + s.points[first_point + b].normal);
-    *pixel = water_.Shade(
-        0.5f * (point_of(first_sample + a) + point_of(first_sample + b)), normal.normalized(),
-        0.5f * (s.hits[first_sample + a].range_m + s.hits[first_sample + b].range_m), albedo,
-        static_cast<float>(count));
+    const Vec3f normal = camera_from_scene * (normal_of(a) + normal_of(b));
+    *pixel = water_.Shade(0.5f * (point_of(a) + point_of(b)), normal.normalized(),
+                          0.5f * (s.hits[a].range_m + s.hits[b].range_m), albedo,
+                          static_cast<float>(count));
     return;
   }
   std::size_t p = first_point;
   for (std::size_t i = first_sample; i < first_sample + count; ++i) {
     Rgb value = {0.0f, 0.0f, 0.0f};
     if (p < first_point + num_points && s.sample_of_point[p] == i) {
-      value = water_.Shade(point_of(i), camera_from_scene * s.points[p].normal, s.hits[i].range_m,
+      value = water_.Shade(point_of(i), camera_from_scene * normal_of(i), s.hits[i].range_m,
                            s.albedo[p], 1.0f);
       ++p;
     } else if (rays.dx[i] != 0.0f || rays.dy[i] != 0.0f || rays.dz[i] != 0.0f) {
@@ -215,7 +217,6 @@ void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, i
   TransformRays(scene_from_camera, rays, &s.rays_in_scene);
   caster_.Trace(s.rays_in_scene, s.hits);
 
-  const std::span<const TriangleMesh> meshes = scene_.meshes();
   s.points.clear();
   s.sample_of_point.clear();
   const auto samples = static_cast<std::uint32_t>(samples_);
@@ -227,7 +228,6 @@ void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, i
     SurfacePoint& point = s.points.emplace_back();
     point.position_in_scene =
         Vec3f(r.ox[i], r.oy[i], r.oz[i]) + hit.range_m * Vec3f(r.dx[i], r.dy[i], r.dz[i]);
-    point.normal = InterpolatedNormal(meshes[hit.mesh], hit);
     point.footprint_m = hit.range_m * sample_angle_rad_;
     point.lod_dither = (static_cast<float>(sample) + 0.5f) / static_cast<float>(samples);
     point.mesh = hit.mesh;

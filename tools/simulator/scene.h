@@ -28,7 +28,6 @@ void ComputeNormals(TriangleMesh* mesh);
 
 struct SurfacePoint {
   Vec3f position_in_scene;
-  Vec3f normal;              // unit, interpolated
   float footprint_m = 0.0f;  // size of a pixel's sample there: texture finer than this is noise
   float lod_dither = 0.0f;  // [0, 1), constant per sample of a pixel: blends mip levels by sampling
   std::uint32_t mesh = 0;

@@ -36,12 +36,14 @@ float SmoothStep(float low, float high, float x) {
 struct DetailTile {
   Texture texture;
   float inverse_texel_m = 1000.0f;
+  float level_offset = 0.0f;
   float cosine = 1.0f;
   float sine = 0.0f;
   Float4 inverse_mean = {1.0f, 1.0f, 1.0f, 1.0f};
 
   void Finish(float texel_m, double angle) {
     inverse_texel_m = 1.0f / texel_m;
+    level_offset = RoughLog2(inverse_texel_m);
     cosine = static_cast<float>(std::cos(angle));
     sine = static_cast<float>(std::sin(angle));
     texture.BuildMips();
@@ -52,7 +54,7 @@ struct DetailTile {
   Float4 Sample(float x, float y, float level) const {
     const float u = (cosine * x + sine * y) * inverse_texel_m;
     const float v = (cosine * y - sine * x) * inverse_texel_m;
-    return inverse_mean * texture.Sample(u, v, level + RoughLog2(inverse_texel_m));
+    return inverse_mean * texture.Sample(u, v, level + level_offset);
   }
 };
 
@@ -179,6 +181,7 @@ class Seafloor final : public Scene {
       }
     });
     macro_.BuildMips();
+    macro_level_offset_ = RoughLog2(1.0f / macro_texel_m_);
   }
 
   void MakeGround() {
@@ -255,19 +258,19 @@ class Seafloor final : public Scene {
     }
     const float level = RoughLog2(point.footprint_m) + point.lod_dither;
     const float inverse = 1.0f / macro_texel_m_;
-    const Float4 macro = macro_.Sample(x * inverse, y * inverse, level + RoughLog2(inverse));
+    const Float4 macro = macro_.Sample(x * inverse, y * inverse, level + macro_level_offset_);
     const Float4 detail = 0.6f * gravel_.Sample(x, y, level) + 0.4f * sand_.Sample(x, y, level);
     return ToRgb(macro * (1.0f + macro[3] * (detail - 1.0f)));
   }
 
-  // Textured along the largest axis of the normal, at two scales.
+  // Textured along the largest axis of the place on the stone, at two scales.
   Rgb StoneAlbedo(const SurfacePoint& point) const {
     constexpr float kCoarse = 0.27f;
     const std::uint32_t size = point.mesh - 1;
     const Stone& stone = stones_[size][point.triangle / triangles_per_stone_[size]];
     const Vec3f local = point.position_in_scene - stone.center_in_scene;
     int axis = 0;
-    point.normal.cwiseAbs().maxCoeff(&axis);
+    local.cwiseAbs().maxCoeff(&axis);
     const float u = local[(axis + 1) % 3] + static_cast<float>(stone.texture_offset_m.x());
     const float v = local[(axis + 2) % 3] + static_cast<float>(stone.texture_offset_m.y());
     const float level = RoughLog2(point.footprint_m) + point.lod_dither;
@@ -288,6 +291,7 @@ class Seafloor final : public Scene {
   Texture mask_;
   Texture macro_;
   float macro_texel_m_ = 0.01f;
+  float macro_level_offset_ = 0.0f;
   std::vector<TriangleMesh> meshes_;  // ground, small stones, large stones
   std::vector<Stone> stones_[2];
   std::uint32_t triangles_per_stone_[2] = {1, 1};
