@@ -97,7 +97,7 @@ TEST(ReportTest, WritesPageAndFigures) {
   const auto data =
       WriteReport({folder.path() / "model", "", folder.path() / "truth", std::nullopt}, out);
   ASSERT_TRUE(data) << ToString(data.error());
-  EXPECT_EQ(data->alignment, Alignment::kNone);
+  EXPECT_EQ(data->alignment, Alignment::kSe3);
   EXPECT_EQ(data->num_images, 45u);
   ASSERT_EQ(data->tracks.size(), 1u);
   EXPECT_EQ(data->tracks[0].name, "refined");

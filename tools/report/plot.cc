@@ -33,7 +33,7 @@ struct Range {
   void Pad(double share) {
     if (low > high) *this = {0.0, 1.0};
     double margin = share * (high - low);
-    if (margin <= 0.0) margin = std::max(1e-3, 0.05 * std::abs(high));
+    if (high <= low) margin = std::max(1e-3, 0.05 * std::abs(high));
     low -= margin;
     high += margin;
   }
@@ -84,9 +84,10 @@ std::vector<double> NiceTicks(double low, double high, int count) {
 
 std::string FormatTick(double value, double step) {
   const int decimals = std::clamp(static_cast<int>(std::ceil(-std::log10(step) - 1e-9)), 0, 9);
+  const double shown = std::abs(value) < 1e-6 * step ? 0.0 : value;  // no "-0.0"
   char text[48];
-  std::snprintf(text, sizeof text, "%.*f", decimals, value);
-  return std::string_view(text) == "-0" ? "0" : text;
+  std::snprintf(text, sizeof text, "%.*f", decimals, shown);
+  return text;
 }
 
 struct Plot::Axes {
@@ -166,7 +167,10 @@ Plot::Axes Plot::MakeAxes() const {
     if (series.kind == Kind::kBars) axes.y.Add(0.0);
   }
   const bool from_zero = options_.y_from_zero && axes.y.low >= 0.0;
-  axes.x.Pad(0.03);
+  const bool is_histogram = std::any_of(series_.begin(), series_.end(), [](const Series& series) {
+    return series.kind == Kind::kBars;
+  });
+  axes.x.Pad(is_histogram ? 0.0 : 0.03);  // bars begin at the axis
   axes.y.Pad(0.06);
   if (from_zero) axes.y.low = 0.0;
   const double right = has_colour_bar_ ? kColourBarMargin : 22.0;

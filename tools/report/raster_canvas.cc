@@ -1,3 +1,4 @@
+#include <cctype>
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -18,9 +19,9 @@ cv::Scalar Bgr(const Colour& colour) { return cv::Scalar(colour.b, colour.g, col
 // OpenCV's stroke font knows ASCII only.
 std::string ToAscii(std::string_view text) {
   static constexpr std::pair<std::string_view, std::string_view> kWords[] = {
-      {"\u00b0", " deg"}, {"\u00d7", "x"},   {"\u2013", "-"},  {"\u2014", "-"},
-      {"\u00b1", "+/-"},  {"\u00b5", "u"},   {"\u03bc", "u"},  {"\u00b2", "2"},
-      {"\u2212", "-"},    {"\u2026", "..."}, {"\u2190", "<-"}, {"\u2192", "->"}};
+      {"\u00b0", "deg"}, {"\u00d7", "x"},   {"\u2013", "-"},  {"\u2014", "-"},
+      {"\u00b1", "+/-"}, {"\u00b5", "u"},   {"\u03bc", "u"},  {"\u00b2", "2"},
+      {"\u2212", "-"},   {"\u2026", "..."}, {"\u2190", "<-"}, {"\u2192", "->"}};
   std::string result;
   while (!text.empty()) {
     if (static_cast<unsigned char>(text.front()) < 0x80u) {
@@ -36,7 +37,8 @@ std::string ToAscii(std::string_view text) {
     for (const auto& [from, to] : kWords) {
       if (text.substr(0, length) == from) word = to;
     }
-    result += word;
+    const bool is_unit = word == "deg" && !result.empty() && std::isdigit(result.back()) != 0;
+    result += is_unit ? " deg" : word;
     text.remove_prefix(length);
   }
   return result;

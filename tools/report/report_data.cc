@@ -183,8 +183,8 @@ IoExpected<ReportData> ReadReportData(const ReportRequest& request) {
   data.num_images = model.images.size();
   data.tracks = std::move(input->tracks);
   data.is_ned = model.rig.world.frame == WorldFrame::kNed;
-  const bool is_metric_ned = data.is_ned && model.rig.world.scale_is_metric;
-  data.alignment = request.alignment.value_or(is_metric_ned ? Alignment::kNone : Alignment::kSim3);
+  data.alignment = request.alignment.value_or(model.rig.world.scale_is_metric ? Alignment::kSe3
+                                                                              : Alignment::kSim3);
   MeasureResiduals(model, &data);
   if (!data.is_mission) {
     if (auto status = ReadRefinement(request.input / "report.json", &data); !status) {

@@ -17,7 +17,7 @@ struct ReportRequest {
   std::filesystem::path input;         // model or mission
   std::filesystem::path mission;       // of a model: where its on-board trajectory is; may be empty
   std::filesystem::path ground_truth;  // empty: that of the mission, if it has one
-  std::optional<Alignment> alignment;  // to the ground truth; none: see ReadReportData
+  std::optional<Alignment> alignment;  // to the ground truth; absent: see ReadReportData
 };
 
 struct ReportTrack {
@@ -51,8 +51,8 @@ struct ReportData {
   nlohmann::ordered_json refinement;      // the model's report.json; null: there is none
 };
 
-// Where no alignment is asked for: none when the reconstruction is in metric NED, as the ground
-// truth of a simulated mission is; a similarity otherwise.
+// Where no alignment is asked for: rotation and translation when the reconstruction is metric, as
+// its origin is seldom the ground truth's; a similarity otherwise.
 IoExpected<ReportData> ReadReportData(const ReportRequest& request);
 
 }  // namespace rsfm

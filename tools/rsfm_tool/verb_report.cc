@@ -16,9 +16,9 @@ CLI::App* DeclareReport(CLI::App& app, ReportOptions* options) {
                    "of a model: the mission it came from, for the on-board trajectory");
   verb->add_option("--ground-truth", options->ground_truth,
                    "model folder, mission, TUM file or CSV; default: the mission's own");
-  verb->add_option(
-          "--align", options->align,
-          "to the ground truth: sim3, se3 or none; default: none for metric NED, else sim3")
+  verb->add_option("--align", options->align,
+                   "to the ground truth: sim3, se3 or none; default: se3 where the scale is "
+                   "metric, else sim3")
       ->check(CLI::IsMember({"sim3", "se3", "none"}));
   return verb;
 }

@@ -13,9 +13,8 @@
 namespace rsfm::simulator {
 namespace {
 
-constexpr int kTileTexels = 2048;
-constexpr float kGravelTexelM = 0.0011f;  // a tile of 2.3 m
-constexpr float kSandTexelM = 0.0015f;    // 3.1 m: the two never repeat together
+constexpr int kDetailTexels = 4096;
+constexpr float kDetailTexelM = 0.0011f;  // repeats after 4.5 m, beyond one image's reach
 constexpr float kMaskTexelM = 0.05f;
 constexpr std::size_t kMaxCells = 4'000'000;
 constexpr double kMaxMacroTexels = 32e6;
@@ -47,14 +46,14 @@ struct DetailTile {
     cosine = static_cast<float>(std::cos(angle));
     sine = static_cast<float>(std::sin(angle));
     texture.BuildMips();
-    const Float4 mean = texture.Sample(0.0f, 0.0f, 30.0f);
+    const Float4 mean = texture.Sample<Texture::Edge::kRepeat>(0.0f, 0.0f, 30.0f);
     for (int i = 0; i < 3; ++i) inverse_mean[i] = 1.0f / std::max(mean[i], 0.02f);
   }
   // `level` is the mip level of the footprint over one metre.
   Float4 Sample(float x, float y, float level) const {
     const float u = (cosine * x + sine * y) * inverse_texel_m;
     const float v = (cosine * y - sine * x) * inverse_texel_m;
-    return inverse_mean * texture.Sample(u, v, level + level_offset);
+    return inverse_mean * texture.Sample<Texture::Edge::kRepeat>(u, v, level + level_offset);
   }
 };
 
@@ -108,16 +107,11 @@ class Seafloor final : public Scene {
   }
 
   void MakeDetail() {
-    gravel_.texture =
-        Texture(kTileTexels, kTileTexels, Texture::Edge::kRepeat, {0.30f, 0.27f, 0.23f});
-    PaintPebbles({26000, 2.0f, 14.0f, 1.7f, 0.9f, seed_ + 10}, &gravel_.texture);
-    PaintTiledNoise({64, 4, 0.8f, 0.18f, seed_ + 11}, num_threads_, &gravel_.texture);
-    gravel_.Finish(kGravelTexelM, 0.4);
-    sand_.texture =
-        Texture(kTileTexels, kTileTexels, Texture::Edge::kRepeat, {0.42f, 0.38f, 0.30f});
-    PaintPebbles({12000, 1.5f, 9.0f, 2.2f, 0.8f, seed_ + 12}, &sand_.texture);
-    PaintTiledNoise({16, 6, 0.85f, 0.20f, seed_ + 13}, num_threads_, &sand_.texture);
-    sand_.Finish(kSandTexelM, -0.9);
+    detail_.texture =
+        Texture(kDetailTexels, kDetailTexels, Texture::Edge::kRepeat, {0.34f, 0.31f, 0.26f});
+    PaintPebbles({130000, 1.6f, 16.0f, 1.8f, 0.8f, seed_ + 10}, num_threads_, &detail_.texture);
+    PaintTiledNoise({32, 7, 0.8f, 0.22f, seed_ + 11}, num_threads_, &detail_.texture);
+    detail_.Finish(kDetailTexelM, 0.4);
   }
 
   // Above it lies the given fraction of the values.
@@ -165,7 +159,7 @@ class Seafloor final : public Scene {
     const float max_radius = std::max(0.10f / macro_texel_m_, 2.0f);
     PaintPebbles(
         {static_cast<int>(area_m2 * 260.0), min_radius, max_radius, 1.7f, 0.9f, seed_ + 30},
-        &macro_);
+        num_threads_, &macro_);
     ParallelFor(height, num_threads_, [&](int y) {
       for (int x = 0; x < width; ++x) {
         const float north = macro_texel_m_ * static_cast<float>(x);
@@ -245,7 +239,7 @@ class Seafloor final : public Scene {
   }
 
   Float4 MaskAt(float north, float east) const {
-    return mask_.Sample(north / kMaskTexelM, east / kMaskTexelM, 0.0f);
+    return mask_.Sample<Texture::Edge::kClamp>(north / kMaskTexelM, east / kMaskTexelM, 0.0f);
   }
 
   Rgb GroundAlbedo(const SurfacePoint& point) const {
@@ -258,25 +252,25 @@ class Seafloor final : public Scene {
     }
     const float level = RoughLog2(point.footprint_m) + point.lod_dither;
     const float inverse = 1.0f / macro_texel_m_;
-    const Float4 macro = macro_.Sample(x * inverse, y * inverse, level + macro_level_offset_);
-    const Float4 detail = 0.6f * gravel_.Sample(x, y, level) + 0.4f * sand_.Sample(x, y, level);
+    const Float4 macro =
+        macro_.Sample<Texture::Edge::kClamp>(x * inverse, y * inverse, level + macro_level_offset_);
+    const Float4 detail = detail_.Sample(x, y, level);
     return ToRgb(macro * (1.0f + macro[3] * (detail - 1.0f)));
   }
 
-  // Textured along the largest axis of the place on the stone, at two scales.
+  // Projected along one oblique direction, at two scales: no seams, and no face that is seen from
+  // above is stretched much.
   Rgb StoneAlbedo(const SurfacePoint& point) const {
     constexpr float kCoarse = 0.27f;
     const std::uint32_t size = point.mesh - 1;
     const Stone& stone = stones_[size][point.triangle / triangles_per_stone_[size]];
     const Vec3f local = point.position_in_scene - stone.center_in_scene;
-    int axis = 0;
-    local.cwiseAbs().maxCoeff(&axis);
-    const float u = local[(axis + 1) % 3] + static_cast<float>(stone.texture_offset_m.x());
-    const float v = local[(axis + 2) % 3] + static_cast<float>(stone.texture_offset_m.y());
+    const float u = local.x() + 0.6f * local.z() + static_cast<float>(stone.texture_offset_m.x());
+    const float v = local.y() - 0.8f * local.z() + static_cast<float>(stone.texture_offset_m.y());
     const float level = RoughLog2(point.footprint_m) + point.lod_dither;
-    const Float4 fine = 0.20f + 0.80f * gravel_.Sample(u, v, level);
+    const Float4 fine = 0.20f + 0.80f * detail_.Sample(u, v, level);
     const Float4 coarse =
-        0.30f + 0.70f * sand_.Sample(kCoarse * u + 7.0f, kCoarse * v, level + RoughLog2(kCoarse));
+        0.30f + 0.70f * detail_.Sample(kCoarse * u + 7.0f, kCoarse * v, level + RoughLog2(kCoarse));
     const Float4 tint = {stone.tint[0], stone.tint[1], stone.tint[2], 1.0f};
     return ToRgb(tint * fine * coarse);
   }
@@ -286,8 +280,7 @@ class Seafloor final : public Scene {
   Vec3 offset_ = Vec3::Zero();
   Eigen::Vector2f size_ = Eigen::Vector2f::Zero();
   std::uint32_t seed_ = 0;
-  DetailTile gravel_;
-  DetailTile sand_;
+  DetailTile detail_;
   Texture mask_;
   Texture macro_;
   float macro_texel_m_ = 0.01f;

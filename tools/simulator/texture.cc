@@ -11,11 +11,6 @@
 namespace rsfm::simulator {
 namespace {
 
-using Bytes16 = std::uint8_t __attribute__((vector_size(16)));
-using Shorts8 = std::uint16_t __attribute__((vector_size(16)));
-using Words4 = std::uint32_t __attribute__((vector_size(16)));
-using Ints4 = std::int32_t __attribute__((vector_size(16)));
-
 // The colour's bytes over those of `below`, whose fourth channel stays.
 std::uint32_t Pack(const Rgb& colour, std::uint32_t below) {
   std::uint32_t packed = below & 0xFF000000u;
@@ -32,26 +27,6 @@ Rgb Unpack(std::uint32_t packed) {
     colour[i] = static_cast<float>((packed >> (8 * i)) & 0xFFu) * (1.0f / 255.0f);
   }
   return colour;
-}
-
-// The four bytes as floats: interleaved with zeros twice, which every SIMD unit has as one step.
-Float4 Widen(std::uint32_t packed) {
-  const Bytes16 bytes = std::bit_cast<Bytes16>(Words4{packed, 0, 0, 0});
-  const Bytes16 twos = __builtin_shuffle(
-      bytes, Bytes16{}, Bytes16{0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23});
-  const Shorts8 fours =
-      __builtin_shuffle(std::bit_cast<Shorts8>(twos), Shorts8{}, Shorts8{0, 8, 1, 9, 2, 10, 3, 11});
-  return __builtin_convertvector(std::bit_cast<Ints4>(fours), Float4);
-}
-
-Float4 Blend2(std::uint32_t a, std::uint32_t b, float fraction) {
-  const Float4 from = Widen(a);
-  return from + fraction * (Widen(b) - from);
-}
-
-int Floor(float x) {
-  const int i = static_cast<int>(x);
-  return i - (x < static_cast<float>(i) ? 1 : 0);
 }
 
 // Stones of a seabed: greys and browns, some white shell, some dark weed, a little red algae.
@@ -73,28 +48,62 @@ struct Pebble {
   std::uint32_t seed;
 };
 
-void PaintPebble(const Pebble& p, Texture* texture) {
+// One row of a pebble whose centre is dy above it.
+void PaintPebbleRow(const Pebble& p, int row, float dy, int cx, int reach, Texture* texture) {
+  for (int x = cx - reach; x <= cx + reach; ++x) {
+    const float dx = static_cast<float>(x) + 0.5f - p.x;
+    const float a = (p.cosine * dx + p.sine * dy) / p.radius;
+    const float b = (p.cosine * dy - p.sine * dx) / (p.radius * p.aspect);
+    const float lump = 0.25f * GradientNoise(1.3f * a, 1.3f * b, p.seed);
+    const float distance = std::sqrt(a * a + b * b) + lump;
+    const float edge = std::clamp((1.0f - distance) * p.radius * p.aspect + 0.5f, 0.0f, 1.0f);
+    if (edge <= 0.0f) continue;
+    // A rounded look: lit from above left, a dark rim, and a speckle of its own.
+    const float light = 1.0f - 0.25f * (dx + dy) / p.radius - 0.35f * distance * distance;
+    const float speckle = 1.0f + 0.3f * GradientNoise(0.37f * dx, 0.37f * dy, p.seed + 1);
+    const float shade = std::max(0.15f, light * speckle);
+    const Rgb colour = {p.colour[0] * shade, p.colour[1] * shade, p.colour[2] * shade};
+    texture->Blend(x, row, colour, edge * p.opacity);
+  }
+}
+
+// The part of a pebble in rows [first, end) of the texture, and of its repetitions above and below.
+void PaintPebble(const Pebble& p, int first, int end, Texture* texture) {
   const int reach = static_cast<int>(std::ceil(p.radius * 1.3f)) + 1;
   const int cx = static_cast<int>(std::floor(p.x));
   const int cy = static_cast<int>(std::floor(p.y));
-  for (int y = cy - reach; y <= cy + reach; ++y) {
-    for (int x = cx - reach; x <= cx + reach; ++x) {
-      const float dx = static_cast<float>(x) + 0.5f - p.x;
-      const float dy = static_cast<float>(y) + 0.5f - p.y;
-      const float a = (p.cosine * dx + p.sine * dy) / p.radius;
-      const float b = (p.cosine * dy - p.sine * dx) / (p.radius * p.aspect);
-      const float lump = 0.25f * GradientNoise(1.3f * a, 1.3f * b, p.seed);
-      const float distance = std::sqrt(a * a + b * b) + lump;
-      const float edge = std::clamp((1.0f - distance) * p.radius * p.aspect + 0.5f, 0.0f, 1.0f);
-      if (edge <= 0.0f) continue;
-      // A rounded look: lit from above left, a dark rim, and a speckle of its own.
-      const float light = 1.0f - 0.25f * (dx + dy) / p.radius - 0.35f * distance * distance;
-      const float speckle = 1.0f + 0.3f * GradientNoise(0.37f * dx, 0.37f * dy, p.seed + 1);
-      const float shade = std::max(0.15f, light * speckle);
-      const Rgb colour = {p.colour[0] * shade, p.colour[1] * shade, p.colour[2] * shade};
-      texture->Blend(x, y, colour, edge * p.opacity);
+  const int height = texture->height();
+  for (const int shift : {-height, 0, height}) {
+    if (shift != 0 && texture->edge() == Texture::Edge::kClamp) continue;
+    const int from = std::max(first, cy + shift - reach);
+    const int to = std::min(end, cy + shift + reach + 1);
+    for (int row = from; row < to; ++row) {
+      const float dy = static_cast<float>(row - shift) + 0.5f - p.y;
+      PaintPebbleRow(p, row, dy, cx, reach, texture);
     }
   }
+}
+
+std::vector<Pebble> DrawPebbles(const PebbleStyle& style, int width, int height) {
+  Rng rng(style.seed);
+  std::vector<Pebble> pebbles(static_cast<std::size_t>(std::max(0, style.count)));
+  const double ratio = std::pow(style.max_radius_px / style.min_radius_px, -style.exponent);
+  for (Pebble& p : pebbles) {
+    p.x = static_cast<float>(rng.Uniform(0.0, width));
+    p.y = static_cast<float>(rng.Uniform(0.0, height));
+    // Inverse of the truncated power law.
+    const double u = rng.Uniform();
+    p.radius = style.min_radius_px *
+               static_cast<float>(std::pow(1.0 - u * (1.0 - ratio), -1.0 / style.exponent));
+    p.aspect = static_cast<float>(rng.Uniform(0.55, 1.0));
+    const double angle = rng.Uniform(0.0, 2.0 * std::numbers::pi);
+    p.cosine = static_cast<float>(std::cos(angle));
+    p.sine = static_cast<float>(std::sin(angle));
+    p.colour = PebbleColour(&rng);
+    p.opacity = style.opacity * static_cast<float>(rng.Uniform(0.6, 1.0));
+    p.seed = static_cast<std::uint32_t>(rng.Next());
+  }
+  return pebbles;
 }
 
 }  // namespace
@@ -167,55 +176,15 @@ void Texture::BuildMips() {
   }
 }
 
-Float4 Texture::Sample(float u, float v, float level) const {
-  const int l = std::clamp(static_cast<int>(level), 0, static_cast<int>(levels_.size()) - 1);
-  const Level& texels = levels_[l];
-  const float scale = std::bit_cast<float>((127u - static_cast<std::uint32_t>(l)) << 23);  // 2^-l
-  u = u * scale - 0.5f;
-  v = v * scale - 0.5f;
-  int x0 = Floor(u);
-  int y0 = Floor(v);
-  const float fx = u - static_cast<float>(x0);
-  const float fy = v - static_cast<float>(y0);
-  int x1 = x0 + 1;
-  int y1 = y0 + 1;
-  if (edge_ == Edge::kRepeat) {
-    x0 &= texels.width - 1;
-    x1 &= texels.width - 1;
-    y0 &= texels.height - 1;
-    y1 &= texels.height - 1;
-  } else {
-    x0 = std::clamp(x0, 0, texels.width - 1);
-    x1 = std::clamp(x1, 0, texels.width - 1);
-    y0 = std::clamp(y0, 0, texels.height - 1);
-    y1 = std::clamp(y1, 0, texels.height - 1);
-  }
-  const std::uint32_t* t = texels.texels.data();
-  const Float4 left = Blend2(t[texels.Index(x0, y0)], t[texels.Index(x0, y1)], fy);
-  const Float4 right = Blend2(t[texels.Index(x1, y0)], t[texels.Index(x1, y1)], fy);
-  return (left + fx * (right - left)) * (1.0f / 255.0f);
-}
-
-void PaintPebbles(const PebbleStyle& style, Texture* texture) {
-  Rng rng(style.seed);
-  const double ratio = std::pow(style.max_radius_px / style.min_radius_px, -style.exponent);
-  for (int i = 0; i < style.count; ++i) {
-    Pebble p;
-    p.x = static_cast<float>(rng.Uniform(0.0, texture->width()));
-    p.y = static_cast<float>(rng.Uniform(0.0, texture->height()));
-    // Inverse of the truncated power law.
-    const double u = rng.Uniform();
-    p.radius = style.min_radius_px *
-               static_cast<float>(std::pow(1.0 - u * (1.0 - ratio), -1.0 / style.exponent));
-    p.aspect = static_cast<float>(rng.Uniform(0.55, 1.0));
-    const double angle = rng.Uniform(0.0, 2.0 * std::numbers::pi);
-    p.cosine = static_cast<float>(std::cos(angle));
-    p.sine = static_cast<float>(std::sin(angle));
-    p.colour = PebbleColour(&rng);
-    p.opacity = style.opacity * static_cast<float>(rng.Uniform(0.6, 1.0));
-    p.seed = static_cast<std::uint32_t>(rng.Next());
-    PaintPebble(p, texture);
-  }
+void PaintPebbles(const PebbleStyle& style, int num_threads, Texture* texture) {
+  const std::vector<Pebble> pebbles = DrawPebbles(style, texture->width(), texture->height());
+  // Bands of rows, each of which paints its part of all the pebbles, in their order.
+  constexpr int kBand = 64;
+  ParallelFor((texture->height() + kBand - 1) / kBand, num_threads, [&](int band) {
+    const int first = band * kBand;
+    const int end = std::min(first + kBand, texture->height());
+    for (const Pebble& pebble : pebbles) PaintPebble(pebble, first, end, texture);
+  });
 }
 
 void PaintTiledNoise(const TiledNoiseStyle& style, int num_threads, Texture* texture) {
