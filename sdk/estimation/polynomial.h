@@ -2,6 +2,7 @@
 // + ...
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -66,12 +67,13 @@ inline double EvaluatePolynomial(const double* c, double x) noexcept {
   return value;
 }
 
-// The root of a polynomial and its derivative in a bracket with a sign change: Newton steps, halved
+// The root of a polynomial in a bracket with a sign change: a secant, then Newton steps, halved
 // brackets where Newton leaves them; at most 60 steps.
 template <int kDegree>
 inline double BracketedRoot(const double* c, const double* derivative, double low, double high,
-                            double value_low, double tolerance) noexcept {
-  double x = 0.5 * (low + high);
+                            double value_low, double value_high, double tolerance) noexcept {
+  double x = low - value_low * (high - low) / (value_high - value_low);
+  if (!(x > low && x < high)) x = 0.5 * (low + high);
   for (int step = 0; step < 60; ++step) {
     const double value = EvaluatePolynomial<kDegree>(c, x);
     if (value == 0.0) return x;
@@ -104,12 +106,20 @@ inline int RootsInUnitInterval(
     if (!(std::abs(x) <= 1.0)) return 0;
     (*roots)[0] = x;
     return 1;
+  } else if constexpr (kLevel == 2 && kMax > 2) {
+    const auto& c = derivatives[2];
+    double first = 0.0, second = 0.0;
+    if (!SolveQuadratic(c[2], c[1], c[0], &first, &second)) return 0;
+    int count = 0;
+    if (std::abs(std::min(first, second)) < 1.0) (*roots)[count++] = std::min(first, second);
+    if (std::abs(std::max(first, second)) < 1.0) (*roots)[count++] = std::max(first, second);
+    return count;
   } else {
     std::array<double, kMax> knots;
     const int num_knots = RootsInUnitInterval<kLevel - 1, kMax>(derivatives, &knots);
     const double* c = derivatives[kLevel].data();
     const double* slope = derivatives[kLevel - 1].data();
-    constexpr double kTolerance = kLevel == kMax ? 1e-15 : 1e-9;
+    constexpr double kTolerance = kLevel == kMax ? 1e-15 : 1e-7;
     int count = 0;
     double low = -1.0;
     double value_low = EvaluatePolynomial<kLevel>(c, low);
@@ -117,7 +127,8 @@ inline int RootsInUnitInterval(
       const double high = i < num_knots ? knots[i] : 1.0;
       const double value_high = EvaluatePolynomial<kLevel>(c, high);
       if ((value_low < 0.0) != (value_high < 0.0) && count < kMax) {
-        (*roots)[count++] = BracketedRoot<kLevel>(c, slope, low, high, value_low, kTolerance);
+        (*roots)[count++] =
+            BracketedRoot<kLevel>(c, slope, low, high, value_low, value_high, kTolerance);
       }
       low = high;
       value_low = value_high;
