@@ -1,10 +1,13 @@
 #include "tools/offline/placing.h"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <numeric>
+#include <optional>
 
 #include "rsfm/estimation/absolute_pose.h"
+#include "rsfm/estimation/triangulation.h"
 #include "rsfm/estimation/window_ba.h"
 
 namespace rsfm {
@@ -119,6 +122,110 @@ bool PlaceImage(int image, const CorrespondenceGraph& graph, const PlacingOption
   }
   UpdateTracksOf(image, graph, options.tracks, scene);
   return true;
+}
+
+namespace {
+
+// The matches of a pair as points in a's frame, for a baseline of length one, with the pose of b
+// that fits them best.
+struct UnitPair {
+  Rigid3 b_from_a;
+  std::vector<int> matches;  // indices of those that made a point
+  std::vector<Vec3> points_in_a;
+};
+
+std::optional<UnitPair> RefinePair(const VerifiedPair& pair, const PlacingOptions& options,
+                                   const Scene& scene) {
+  const AnyCamera camera = *AnyCamera::Create(scene.camera);
+  TriangulationOptions triangulation;
+  triangulation.max_error_px = 3.0 * options.max_error_px;
+  triangulation.min_angle_rad = options.tracks.min_angle_rad;
+  UnitPair unit;
+  const int count = static_cast<int>(pair.matches.size());
+  auto ba = WindowBa::Create(
+      {.keyframes = 2, .landmarks = count, .observations = 2 * count, .priors = 1});
+  if (!ba || !ba->AddKeyframe(Rigid3(), 0, true) || !ba->AddKeyframe(pair.b_from_a)) return {};
+  for (int i = 0; i < count; ++i) {
+    const Vec2& in_a = scene.images[pair.images.a].features[pair.matches[i].first];
+    const Vec2& in_b = scene.images[pair.images.b].features[pair.matches[i].second];
+    const TriangulationView views[] = {{&camera, Rigid3(), in_a}, {&camera, pair.b_from_a, in_b}};
+    const auto point = Triangulate(views, triangulation);
+    if (!point) continue;
+    const auto landmark = ba->AddLandmark(point->point_in_world);
+    if (!landmark || !ba->AddObservation(0, *landmark, in_a) ||
+        !ba->AddObservation(1, *landmark, in_b))
+      return {};
+    unit.matches.push_back(i);
+  }
+  if (static_cast<int>(unit.matches.size()) < options.min_pair_matches) return {};
+  const auto length = MakeBaselinePrior(0, 1, Rigid3(), 1.0, 1e-3);
+  WindowBaOptions solve;
+  solve.loss = {LossType::kCauchy, 1.0};
+  solve.max_iterations = 50;
+  if (!length || !ba->AddPrior(*length) || !ba->Solve(std::span(&camera, 1), solve)) return {};
+  unit.b_from_a = ba->camera_from_world(1);
+  for (int l = 0; l < ba->num_landmarks(); ++l) unit.points_in_a.push_back(ba->point_in_world(l));
+  return unit;
+}
+
+// The factor from the unit baseline to the scene, from the points that the placed image observes.
+std::optional<double> BaselineLength(const VerifiedPair& pair, const UnitPair& unit, bool a_placed,
+                                     const PlacingOptions& options, const Scene& scene) {
+  const SceneImage& placed = scene.images[a_placed ? pair.images.a : pair.images.b];
+  std::vector<double> factors;
+  for (std::size_t i = 0; i < unit.matches.size(); ++i) {
+    const auto& match = pair.matches[unit.matches[i]];
+    const int point = placed.points[a_placed ? match.first : match.second];
+    if (point == kNoPoint) continue;
+    const Vec3 in_unit = a_placed ? unit.points_in_a[i] : unit.b_from_a * unit.points_in_a[i];
+    const Vec3 in_scene = placed.camera_from_world * scene.points[point].xyz;
+    factors.push_back(in_scene.norm() / in_unit.norm());
+  }
+  if (static_cast<int>(factors.size()) < options.min_scale_points) return {};
+  std::sort(factors.begin(), factors.end());
+  const double median = factors[factors.size() / 2];
+  const auto agree = std::count_if(factors.begin(), factors.end(), [median](double f) {
+    return std::abs(f - median) < 0.1 * median;
+  });
+  const bool enough =
+      agree >= options.min_scale_points && 2 * agree >= static_cast<std::ptrdiff_t>(factors.size());
+  return enough ? std::optional(median) : std::nullopt;
+}
+
+}  // namespace
+
+bool PlaceByPair(const std::vector<VerifiedPair>& pairs, const CorrespondenceGraph& graph,
+                 const PlacingOptions& options, std::vector<std::uint8_t>* tried, Scene* scene,
+                 int* placed) {
+  std::vector<std::size_t> order(pairs.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&pairs](std::size_t x, std::size_t y) {
+    return pairs[x].matches.size() > pairs[y].matches.size();
+  });
+  tried->resize(pairs.size(), 0);
+  for (const std::size_t index : order) {
+    const VerifiedPair& pair = pairs[index];
+    const bool a_placed = scene->images[pair.images.a].placed;
+    if (a_placed == scene->images[pair.images.b].placed || (*tried)[index] != 0) continue;
+    if (static_cast<int>(pair.matches.size()) < options.min_pair_matches) break;
+    (*tried)[index] = 1;
+    const auto unit = RefinePair(pair, options, *scene);
+    if (!unit) continue;
+    const auto length = BaselineLength(pair, *unit, a_placed, options, *scene);
+    if (!length) continue;
+    Rigid3 b_from_a = unit->b_from_a;
+    b_from_a.translation *= *length;
+    *placed = a_placed ? pair.images.b : pair.images.a;
+    SceneImage& image = scene->images[*placed];
+    const SceneImage& from = scene->images[a_placed ? pair.images.a : pair.images.b];
+    image.placed = true;
+    image.camera_from_world = (a_placed ? b_from_a : b_from_a.Inverse()) * from.camera_from_world;
+    TrackOptions generous = options.tracks;
+    generous.max_error_px = std::max(options.max_error_px, options.tracks.max_error_px);
+    UpdateTracksOf(*placed, graph, generous, scene);
+    return true;
+  }
+  return false;
 }
 
 void AdjustAround(int image, const PlacingOptions& options, Scene* scene) {

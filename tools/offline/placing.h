@@ -13,6 +13,8 @@ namespace rsfm {
 struct PlacingOptions {
   double max_error_px = 6.0;  // of an observation in the absolute pose: the map may have drifted
   int min_inliers = 20;
+  int min_pair_matches = 40;  // of a pair that places an image by its relative pose
+  int min_scale_points = 6;
   int min_start_matches = 80;          // of the first pair
   double min_start_angle_rad = 0.035;  // its median angle between the rays of a match
   double start_baseline_m = 1.0;       // its length: the scale, which images do not give
@@ -36,6 +38,14 @@ int NextToPlace(const CorrespondenceGraph& graph, const PlacingOptions& options,
 // scene is then as it was.
 bool PlaceImage(int image, const CorrespondenceGraph& graph, const PlacingOptions& options,
                 Scene* scene);
+
+// Where too few of an image's matches are points yet: by the relative pose of a verified pair with
+// one placed image, whose baseline's length comes from the few points that there are. At least
+// `min_scale_points` of them must agree. False when there is no such pair; the scene is then as it
+// was, else `placed` is the image.
+bool PlaceByPair(const std::vector<VerifiedPair>& pairs, const CorrespondenceGraph& graph,
+                 const PlacingOptions& options, std::vector<std::uint8_t>* tried, Scene* scene,
+                 int* placed);
 
 // Window bundle adjustment of an image and those that share the most points with it; the others
 // that see these points are held.

@@ -113,12 +113,17 @@ class Refiner {
   }
 
   Status PlaceAll(const CorrespondenceGraph& graph) {
-    std::vector<std::uint8_t> tried(scene_.images.size(), 0);
+    std::vector<std::uint8_t> tried(scene_.images.size(), 0), tried_pairs;
     int adjusted_at = scene_.NumPlaced();
     bool second_chance = true;
-    while (!report_.interrupted) {
-      const int next = NextToPlace(graph, options_.placing, tried, scene_);
-      if (next < 0) {
+    // An image that the filter throws out again may be placed once more; the bound ends a quarrel.
+    const std::size_t bound = 2 * scene_.images.size();
+    while (!report_.interrupted && report_.newly_placed.size() < bound) {
+      int next = NextToPlace(graph, options_.placing, tried, scene_);
+      if (next >= 0) {
+        tried[next] = 1;
+        if (!PlaceImage(next, graph, options_.placing, &scene_)) continue;
+      } else if (!PlaceByPair(pairs_, graph, options_.placing, &tried_pairs, &scene_, &next)) {
         // Images that failed may succeed in the finished map, once.
         if (!second_chance || adjusted_at == scene_.NumPlaced()) break;
         second_chance = false;
@@ -126,11 +131,12 @@ class Refiner {
         UpdateTracks(graph, options_.tracks, &scene_);
         adjusted_at = scene_.NumPlaced();
         std::fill(tried.begin(), tried.end(), 0);
+        tried_pairs.clear();
         continue;
       }
-      tried[next] = 1;
-      if (!PlaceImage(next, graph, options_.placing, &scene_)) continue;
       AdjustAround(next, options_.placing, &scene_);
+      // With the pose settled, what did not fit before may now.
+      UpdateTracksOf(next, graph, options_.tracks, &scene_);
       report_.newly_placed.push_back(next);
       const int placed = scene_.NumPlaced();
       Tell("placing images", static_cast<double>(placed) / static_cast<double>(tried.size()));
