@@ -1,6 +1,5 @@
 // The normal equations of WindowBa: linearisation, elimination of the landmarks, the step, the
 // covariance.
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
@@ -17,14 +16,22 @@ double Damping(double curvature, double inverse_radius) {
   return std::clamp(curvature, 1e-6, 1e32) * inverse_radius;
 }
 
-// Inverse of a 3x3 symmetric matrix; false when it is not positive definite to working precision.
-bool InvertSymmetric(const Mat3& matrix, Mat3* inverse) {
-  const Eigen::LLT<Mat3> factor(matrix);
-  if (factor.info() != Eigen::Success) return false;
-  const auto diagonal = factor.matrixLLT().diagonal().array().square();
-  if (!(diagonal > 1e-15 * matrix.diagonal().array()).all()) return false;
-  *inverse = factor.solve(Mat3::Identity());
-  return inverse->allFinite();
+// Inverse of a 3x3 symmetric matrix by its cofactors; false when it is not positive definite, or so
+// nearly singular that the cofactors have lost their digits.
+bool InvertSymmetric(const Mat3& a, Mat3* inverse) {
+  const double c00 = a(1, 1) * a(2, 2) - a(1, 2) * a(1, 2);
+  const double c01 = a(0, 2) * a(1, 2) - a(0, 1) * a(2, 2);
+  const double c02 = a(0, 1) * a(1, 2) - a(0, 2) * a(1, 1);
+  const double c11 = a(0, 0) * a(2, 2) - a(0, 2) * a(0, 2);
+  const double c12 = a(0, 1) * a(0, 2) - a(0, 0) * a(1, 2);
+  const double c22 = a(0, 0) * a(1, 1) - a(0, 1) * a(0, 1);
+  const double determinant = a(0, 0) * c00 + a(0, 1) * c01 + a(0, 2) * c02;
+  // Written so that NaN fails.
+  if (!(a(0, 0) > 0.0) || !(c22 > 0.0) || !(determinant > 1e-13 * a(0, 0) * a(1, 1) * a(2, 2)))
+    return false;
+  const double s = 1.0 / determinant;
+  *inverse << s * c00, s * c01, s * c02, s * c01, s * c11, s * c12, s * c02, s * c12, s * c22;
+  return std::isfinite(s);
 }
 
 // For a landmark that lacks a direction: along that its derivatives to the poses vanish too, so

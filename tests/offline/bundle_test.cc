@@ -2,10 +2,10 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
 #include <cmath>
 #include <limits>
 
+#include "tests/offline/alignment.h"
 #include "tests/support/rigs.h"
 #include "tests/support/survey.h"
 #include "tools/offline/ceres_costs.h"
@@ -23,26 +23,12 @@ BundleProblem ToProblem(const CameraConfig& camera, const Survey& survey) {
   return problem;
 }
 
-// Scale of the found trajectory against the true one, and the RMS distance of the places after the
-// similarity that fits best.
-struct Alignment {
-  double scale = 1.0;
-  double rms_m = 0.0;
-};
 Alignment Align(const BundleProblem& found, const Survey& truth) {
-  const int count = static_cast<int>(found.images.size());
-  Eigen::Matrix3Xd from(3, count), to(3, count);
-  for (int k = 0; k < count; ++k) {
-    from.col(k) = found.images[k].camera_from_world.OriginOfTarget();
-    to.col(k) = truth.camera_from_world[k].OriginOfTarget();
-  }
-  const Eigen::Matrix4d to_from = Eigen::umeyama(from, to, true);
-  Alignment result;
-  result.scale = 1.0 / std::cbrt(to_from.topLeftCorner<3, 3>().determinant());
-  const Vec3 shift = to_from.topRightCorner<3, 1>();
-  const Eigen::Matrix3Xd moved = (to_from.topLeftCorner<3, 3>() * from).colwise() + shift;
-  result.rms_m = std::sqrt((moved - to).squaredNorm() / count);
-  return result;
+  std::vector<Vec3> from, to;
+  for (const BundleImage& image : found.images)
+    from.push_back(image.camera_from_world.OriginOfTarget());
+  for (const Rigid3& pose : truth.camera_from_world) to.push_back(pose.OriginOfTarget());
+  return AlignPlaces(from, to);
 }
 
 double PairDistance(const BundleProblem& problem, const std::array<int, 2>& pair) {
