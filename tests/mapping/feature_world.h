@@ -45,6 +45,7 @@ struct FeatureWorldOptions {
   double noise_px = 0.5;
   double clutter = 0.2;  // of the features: nothing that is seen again
   int max_features = 600;
+  double repeat_m = 0.0;  // > 0: the bottom looks the same again after so far north
 };
 
 // One frame's memory.
@@ -70,6 +71,7 @@ class FeatureWorld {
                          options.depth_m + rng.Uniform(-0.5, 0.5) * options.relief_m});
       for (int k = 0; k < 128; ++k) descriptors_.push_back(RandomByte(&rng));
     }
+    if (options.repeat_m > 0.0) Repeat(options.repeat_m);
   }
 
   const std::vector<Vec3>& points() const { return points_; }
@@ -111,6 +113,21 @@ class FeatureWorld {
 
  private:
   static std::uint8_t RandomByte(Rng* rng) { return static_cast<std::uint8_t>(rng->Index(92)); }
+  // Keeps the points of the first period, and lays them out again to the end, descriptors and all.
+  void Repeat(double period_m) {
+    std::vector<Vec3> points;
+    std::vector<std::uint8_t> descriptors;
+    for (double shift = 0.0; shift < options_.length_m + 4.0; shift += period_m) {
+      for (std::size_t i = 0; i < points_.size(); ++i) {
+        if (points_[i].x() >= period_m - 2.0) continue;
+        points.push_back(points_[i] + Vec3(shift, 0.0, 0.0));
+        const auto row = descriptors_.begin() + static_cast<std::ptrdiff_t>(i) * 128;
+        descriptors.insert(descriptors.end(), row, row + 128);
+      }
+    }
+    points_ = std::move(points);
+    descriptors_ = std::move(descriptors);
+  }
   static void Add(const Vec2& pixel, std::uint32_t track, FeatureFrame* frame) {
     Feature feature{static_cast<float>(pixel.x()), static_cast<float>(pixel.y()), 8.0f};
     feature.track = track;

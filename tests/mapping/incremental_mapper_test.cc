@@ -32,8 +32,8 @@ struct Run {
 // A survey flown by the mapper.
 class Survey {
  public:
-  Survey(TestPort port, const MapperOptions& options)
-      : camera_(TestCamera(port)), world_(FeatureWorldOptions{}) {
+  Survey(TestPort port, const MapperOptions& options, const FeatureWorldOptions& world = {})
+      : camera_(TestCamera(port)), world_(world) {
     mapper_ = IncrementalMapper::Create(options, camera_, DownwardCamera()).value();
   }
 
@@ -203,6 +203,50 @@ TEST(IncrementalMapper, DeadReckonsThroughAnOutageAndReturnsWithoutAJump) {
     }
     last_sigma = sigma;
   }
+}
+
+// Tiles, ripples, mussel beds: what comes after an outage looks exactly like what was mapped before
+// it. Only navigation tells them apart.
+TEST(IncrementalMapper, IsNotDrawnBackToABottomThatLooksTheSame) {
+  FeatureWorldOptions look_alike;
+  look_alike.repeat_m = 6.0;
+  Survey survey(TestPort::kFlat, TestOptions(), look_alike);
+  survey.FeedNav(50.0);
+  int tracked_after = 0;
+  Vec3 offset = Vec3::Zero();
+  for (int frame = 0; frame < 40; ++frame) {
+    const bool blind = frame >= 14 && frame < 22;
+    const StepReport report = survey.Fly(frame, blind);
+    if (frame == 0) continue;
+    ASSERT_TRUE(report.has_pose) << frame;
+    EXPECT_EQ(report.reset_counter, 0);
+    const Vec3 error =
+        report.camera_from_world.OriginOfTarget() - survey.TrueCamera(frame).OriginOfTarget();
+    if (frame == 1) offset = Vec3(error.x(), error.y(), 0.0);
+    EXPECT_LT((error - offset).norm(), 0.2) << frame;
+    tracked_after += frame >= 22 && report.state == MapperState::kTracking;
+  }
+  EXPECT_GE(tracked_after, 15);
+}
+
+// The same without navigation is what the test above is worth: the wrong place is taken.
+TEST(IncrementalMapper, WithoutNavigationALookAlikeIsTakenForThePlace) {
+  FeatureWorldOptions look_alike;
+  look_alike.repeat_m = 6.0;
+  Survey survey(TestPort::kFlat, TestOptions(), look_alike);
+  for (int frame = 0; frame < 22; ++frame) survey.Fly(frame, frame >= 14);
+  const StepReport report = survey.Fly(24);
+  EXPECT_EQ(report.state, MapperState::kTracking);
+  EXPECT_FALSE(report.scale_is_metric);
+  const Map& map = survey.mapper().map();
+  double nearest = 1e9;
+  for (const SlotId id : map.keyframes()) {
+    if (map.keyframe(id).utime == UsFromSeconds(104.0))
+      nearest = (map.keyframe(id).camera_from_world.OriginOfTarget() -
+                 report.camera_from_world.OriginOfTarget())
+                    .norm();
+  }
+  EXPECT_LT(nearest, 0.5) << "a period from where it is, and it cannot know";
 }
 
 TEST(IncrementalMapper, FindsItselfAgainWithoutNavigation) {
