@@ -22,18 +22,13 @@ namespace {
 constexpr std::int32_t kFar = std::numeric_limits<std::int32_t>::max();
 constexpr int kSiftBytes = 128;
 
-// The query widened once, so that the loop is one subtraction and one multiply-add per element.
-inline std::int32_t SquaredDistance(const std::int16_t* a, const std::uint8_t* b) {
+inline std::int32_t SquaredDistance(const std::uint8_t* a, const std::uint8_t* b) {
   std::int32_t sum = 0;
   for (int k = 0; k < kSiftBytes; ++k) {
-    const auto difference = static_cast<std::int16_t>(a[k] - b[k]);
-    sum += static_cast<std::int32_t>(difference) * difference;
+    const std::int32_t difference = a[k] - b[k];
+    sum += difference * difference;
   }
   return sum;
-}
-
-inline void Widen(const std::uint8_t* row, std::int16_t* wide) {
-  for (int k = 0; k < kSiftBytes; ++k) wide[k] = row[k];
 }
 
 inline std::int32_t HammingDistance(const std::uint8_t* a, const std::uint8_t* b, int bytes) {
@@ -47,13 +42,50 @@ inline std::int32_t HammingDistance(const std::uint8_t* a, const std::uint8_t* b
   return sum;
 }
 
-// Distances of one query row to rows [0, count) of train.
+constexpr int kBlock = 64;  // rows of train at a time: widened, they stay in the nearest cache
+constexpr int kGroup = 4;   // rows of query at a time: each load of a train row serves them all
+
+// A block of train's rows, in the form in which distances are fastest.
+struct TrainBlock {
+  const std::uint8_t* rows = nullptr;
+  int count = 0;
+  alignas(32) std::int16_t wide[kBlock * kSiftBytes];  // SIFT only
+  std::int32_t squared_norms[kBlock];
+};
+using Distances = std::int32_t[kGroup][kBlock];
+
 RSFM_VECTOR_CLONES
-void SiftRow(const std::uint8_t* query, const std::uint8_t* train, int count,
-             std::int32_t* distances) {
-  alignas(32) std::int16_t wide[kSiftBytes];
-  Widen(query, wide);
-  for (int j = 0; j < count; ++j) distances[j] = SquaredDistance(wide, train + j * kSiftBytes);
+void Widen(const std::uint8_t* rows, int count, std::int16_t* wide, std::int32_t* squared_norms) {
+  for (int i = 0; i < count; ++i) {
+    std::int32_t sum = 0;
+    for (int k = 0; k < kSiftBytes; ++k) {
+      const std::int16_t value = rows[i * kSiftBytes + k];
+      wide[i * kSiftBytes + k] = value;
+      sum += static_cast<std::int32_t>(value) * value;
+    }
+    squared_norms[i] = sum;
+  }
+}
+
+// |a - b|^2 = |a|^2 + |b|^2 - 2 a.b, which is exact in integers.
+RSFM_VECTOR_CLONES
+void SiftDistances(const std::int16_t* queries, const std::int32_t* query_norms,
+                   const TrainBlock& block, Distances& distances) {
+  for (int j = 0; j < block.count; ++j) {
+    const std::int16_t* b = block.wide + j * kSiftBytes;
+    std::int32_t dot0 = 0, dot1 = 0, dot2 = 0, dot3 = 0;
+    for (int k = 0; k < kSiftBytes; ++k) {
+      const std::int32_t value = b[k];
+      dot0 += queries[k] * value;
+      dot1 += queries[k + kSiftBytes] * value;
+      dot2 += queries[k + 2 * kSiftBytes] * value;
+      dot3 += queries[k + 3 * kSiftBytes] * value;
+    }
+    distances[0][j] = query_norms[0] + block.squared_norms[j] - 2 * dot0;
+    distances[1][j] = query_norms[1] + block.squared_norms[j] - 2 * dot1;
+    distances[2][j] = query_norms[2] + block.squared_norms[j] - 2 * dot2;
+    distances[3][j] = query_norms[3] + block.squared_norms[j] - 2 * dot3;
+  }
 }
 
 RSFM_VECTOR_CLONES
@@ -62,22 +94,27 @@ void BinaryRow(const std::uint8_t* query, const std::uint8_t* train, int count, 
   for (int j = 0; j < count; ++j) distances[j] = HammingDistance(query, train + j * bytes, bytes);
 }
 
-void DistanceRow(DescriptorType type, const std::uint8_t* query, const std::uint8_t* train,
-                 int count, std::int32_t* distances) {
+// Distances of `num_queries` rows, at most kGroup, to those of the block.
+void GroupDistances(DescriptorType type, const std::uint8_t* queries, int num_queries,
+                    const TrainBlock& block, Distances& distances) {
   if (type == DescriptorType::kSift) {
-    SiftRow(query, train, count, distances);
-  } else {
-    BinaryRow(query, train, count, DescriptorStride(type), distances);
+    alignas(32) std::int16_t wide[kGroup * kSiftBytes] = {};
+    std::int32_t norms[kGroup] = {};
+    Widen(queries, num_queries, wide, norms);
+    SiftDistances(wide, norms, block, distances);
+    return;
   }
+  const int stride = DescriptorStride(type);
+  for (int q = 0; q < num_queries; ++q)
+    BinaryRow(queries + q * stride, block.rows, block.count, stride, distances[q]);
 }
 
 }  // namespace
 
 std::int32_t DescriptorDistance(DescriptorType type, const std::uint8_t* a,
                                 const std::uint8_t* b) noexcept {
-  std::int32_t distance = 0;
-  DistanceRow(type, a, b, 1, &distance);
-  return distance;
+  return type == DescriptorType::kSift ? SquaredDistance(a, b)
+                                       : HammingDistance(a, b, DescriptorStride(type));
 }
 
 bool PassesRatio(DescriptorType type, std::int32_t best, std::int32_t second,
@@ -115,6 +152,32 @@ std::size_t DescriptorMatcher::bytes() const {
          best_of_train_.bytes() + query_of_train_.bytes();
 }
 
+// The distances of one query row to the rows of train from `start` on.
+void DescriptorMatcher::Offer(int query, int start,
+                              std::span<const std::int32_t> distances) noexcept {
+  std::int32_t best = best_of_query_[query], second = second_of_query_[query];
+  std::int32_t best_train = train_of_query_[query];
+  for (int j = 0; j < static_cast<int>(distances.size()); ++j) {
+    const std::int32_t distance = distances[j];
+    if (distance < second) {
+      if (distance < best) {
+        second = best;
+        best = distance;
+        best_train = start + j;
+      } else {
+        second = distance;
+      }
+    }
+    if (distance < best_of_train_[start + j]) {
+      best_of_train_[start + j] = distance;
+      query_of_train_[start + j] = query;
+    }
+  }
+  best_of_query_[query] = best;
+  second_of_query_[query] = second;
+  train_of_query_[query] = best_train;
+}
+
 int DescriptorMatcher::Match(const DescriptorView& query, const DescriptorView& train,
                              double max_ratio, std::span<DescriptorMatch> matches) noexcept {
   assert(query.type == train.type || query.count == 0 || train.count == 0);
@@ -127,33 +190,22 @@ int DescriptorMatcher::Match(const DescriptorView& query, const DescriptorView& 
   query_of_train_.TryResize(num_train);
   std::fill(best_of_train_.begin(), best_of_train_.end(), kFar);
 
-  constexpr int kBlock = 64;  // distances at a time: they stay in the nearest cache
-  std::int32_t distances[kBlock];
-  for (int i = 0; i < query.count; ++i) {
-    std::int32_t best = kFar, second = kFar, best_train = -1;
-    for (int start = 0; start < train.count; start += kBlock) {
-      const int count = std::min(kBlock, train.count - start);
-      DistanceRow(query.type, query.Row(i), train.Row(start), count, distances);
-      for (int j = 0; j < count; ++j) {
-        const std::int32_t distance = distances[j];
-        if (distance < second) {
-          if (distance < best) {
-            second = best;
-            best = distance;
-            best_train = start + j;
-          } else {
-            second = distance;
-          }
-        }
-        if (distance < best_of_train_[start + j]) {
-          best_of_train_[start + j] = distance;
-          query_of_train_[start + j] = i;
-        }
-      }
+  std::fill(best_of_query_.begin(), best_of_query_.end(), kFar);
+  std::fill(second_of_query_.begin(), second_of_query_.end(), kFar);
+  std::fill(train_of_query_.begin(), train_of_query_.end(), -1);
+  TrainBlock block;
+  for (int start = 0; start < train.count; start += kBlock) {
+    block.rows = train.Row(start);
+    block.count = std::min(kBlock, train.count - start);
+    if (train.type == DescriptorType::kSift)
+      Widen(block.rows, block.count, block.wide, block.squared_norms);
+    for (int first = 0; first < query.count; first += kGroup) {
+      const int num_queries = std::min(kGroup, query.count - first);
+      Distances distances;
+      GroupDistances(query.type, query.Row(first), num_queries, block, distances);
+      for (int q = 0; q < num_queries; ++q)
+        Offer(first + q, start, {distances[q], static_cast<std::size_t>(block.count)});
     }
-    best_of_query_[i] = best;
-    second_of_query_[i] = second;
-    train_of_query_[i] = best_train;
   }
 
   const std::int32_t max_distance = MaxDescriptorDistance(query.type);

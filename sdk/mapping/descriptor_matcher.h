@@ -42,6 +42,7 @@ class DescriptorMatcher {
  private:
   struct Capacity {};
   DescriptorMatcher(std::size_t rows, Capacity);
+  void Offer(int query, int start, std::span<const std::int32_t> distances) noexcept;
 
   FixedVector<std::int32_t> best_of_query_, second_of_query_, train_of_query_;
   FixedVector<std::int32_t> best_of_train_, query_of_train_;
