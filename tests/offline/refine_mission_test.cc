@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "rsfm/io/atomic_output.h"
+#include "rsfm/mapping/incremental_mapper.h"
 #include "tests/offline/alignment.h"
 #include "tests/offline/made_scene.h"
 #include "tests/support/rigs.h"
@@ -45,7 +46,7 @@ keyframe_t ToMessage(const Scene& scene, int index) {
   const double values[] = {q.w(), q.x(), q.y(), q.z()};
   std::copy(values, values + 4, k.camera_from_world_q);
   std::copy(t.data(), t.data() + 3, k.camera_from_world_t);
-  k.state = image.placed ? pose_t::STATE_TRACKING : pose_t::STATE_LOST;
+  k.state = static_cast<std::int32_t>(image.placed ? MapperState::kTracking : MapperState::kLost);
   k.num_features = static_cast<std::int32_t>(image.features.size());
   for (std::size_t f = 0; f < image.features.size(); ++f) {
     k.x_px.push_back(static_cast<float>(image.features[f].x()));

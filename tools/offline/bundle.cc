@@ -63,8 +63,7 @@ class ProgressCallback : public ceres::IterationCallback {
 // The Ceres problem and the memory behind its blocks.
 class Adjustment {
  public:
-  Adjustment(const BundleOptions& options, const BundleProblem& problem)
-      : options_(options), update_(&cameras_) {
+  Adjustment(const BundleOptions& options, const BundleProblem& problem) : options_(options) {
     for (const CameraConfig& config : problem.cameras)
       cameras_.push_back(std::make_unique<CameraState>(config));
     for (const BundleImage& image : problem.images)
@@ -74,7 +73,6 @@ class Adjustment {
     problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
     problem_options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    problem_options.evaluation_callback = &update_;
     problem_options.disable_all_safety_checks = true;
     ceres_ = std::make_unique<ceres::Problem>(problem_options);
     loss_.reset(MakeLoss(options.loss));
@@ -150,6 +148,15 @@ class Adjustment {
     solver.parameter_tolerance = 1e-10;
     solver.logging_type = ceres::SILENT;
     solver.update_state_every_iteration = false;
+    if (options_.adjust_points_within) {
+      solver.initial_trust_region_radius = 1e5;  // longer steps are good ones then
+      auto points = std::make_shared<ceres::ParameterBlockOrdering>();
+      for (Vec3& point : points_)
+        if (ceres_->HasParameterBlock(point.data())) points->AddElementToGroup(point.data(), 0);
+      solver.use_inner_iterations = true;
+      solver.inner_iteration_ordering = points;
+      solver.inner_iteration_tolerance = 1e-7;
+    }
     ProgressCallback callback(options_);
     solver.callbacks.push_back(&callback);
     ceres::Solver::Summary summary;
@@ -205,7 +212,6 @@ class Adjustment {
   std::vector<std::unique_ptr<ceres::LossFunction>> losses_;
   PoseManifold pose_manifold_;
   std::vector<std::unique_ptr<ceres::Manifold>> manifolds_;
-  CameraUpdate update_;
   std::unique_ptr<ceres::Problem> ceres_;
 };
 

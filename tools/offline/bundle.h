@@ -83,6 +83,11 @@ struct BundleOptions {
   double function_tolerance = 1e-7;
   int num_threads = 2;
   bool hold_scale = true;  // where navigation does not give it
+  // After each step of all unknowns the points are adjusted to the new poses before the step is
+  // judged. A trajectory without navigation bends easily, along arcs that a straight step leaves:
+  // without this the solver creeps along them and stops before it is there.
+  //   [Ruhe & Wedin 1980, SIAM Review 22(3), algorithm II]
+  bool adjust_points_within = true;
   // After each iteration; false stops, and what has been reached is kept.
   std::function<bool(const BundleProgress&)> progress;
 };

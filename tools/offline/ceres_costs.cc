@@ -1,6 +1,7 @@
 #include "tools/offline/ceres_costs.h"
 
 #include <algorithm>
+#include <atomic>
 
 #include "rsfm/estimation/reprojection_residual.h"
 
@@ -26,6 +27,11 @@ Eigen::Matrix<double, 3, 2> TangentBasis(const Vec3& n) {
   basis.col(0) << 1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x();
   basis.col(1) << b, sign + n.y() * n.y() * a, -n.y();
   return basis;
+}
+
+std::optional<AnyCamera> MakeCamera(const CameraConfig& config) {
+  const Expected<AnyCamera> made = AnyCamera::Create(config);
+  return made ? std::optional<AnyCamera>(*made) : std::nullopt;
 }
 
 }  // namespace
@@ -146,6 +152,8 @@ std::vector<int> HeldLensParams(LensModel lens, const RefineLens& refine) {
 }
 
 CameraState::CameraState(const CameraConfig& start) : config(start) {
+  static std::atomic<std::uint64_t> last_id{0};
+  id = ++last_id;
   std::copy(start.lens_params.begin(), start.lens_params.end(), lens.begin());
   port = start.port.Params();
   Update();
@@ -154,16 +162,30 @@ CameraState::CameraState(const CameraConfig& start) : config(start) {
 void CameraState::Update() {
   std::copy_n(lens.begin(), config.lens_params.size(), config.lens_params.begin());
   config.port.SetParams(port);
-  const Expected<AnyCamera> made = AnyCamera::Create(config);
-  if (made) {
-    camera = *made;
-  } else {
-    camera.reset();
-  }
+  camera = MakeCamera(config);
 }
 
-void CameraUpdate::PrepareForEvaluation(bool, bool) {
-  for (const std::unique_ptr<CameraState>& camera : *cameras_) camera->Update();
+const AnyCamera* CameraState::At(const double* lens_params, const double* port_params) const {
+  struct Made {
+    std::uint64_t id = 0;
+    std::array<double, kMaxLensParams> lens{};
+    PortParams port{};
+    std::optional<AnyCamera> camera;
+  };
+  thread_local std::array<Made, 4> recent;
+  Made& made = recent[id % recent.size()];
+  const std::size_t count = config.lens_params.size();
+  if (made.id != id || !std::equal(lens_params, lens_params + count, made.lens.begin()) ||
+      !std::equal(made.port.begin(), made.port.end(), port_params)) {
+    CameraConfig tried = config;
+    made.id = id;
+    std::copy_n(lens_params, count, made.lens.begin());
+    std::copy_n(port_params, made.port.size(), made.port.begin());
+    std::copy_n(lens_params, count, tried.lens_params.begin());
+    tried.port.SetParams(made.port);
+    made.camera = MakeCamera(tried);
+  }
+  return made.camera ? &*made.camera : nullptr;
 }
 
 ReprojectionCost::ReprojectionCost(const CameraState* camera, const Vec2& pixel, double sigma_px,
@@ -179,17 +201,17 @@ ReprojectionCost::ReprojectionCost(const CameraState* camera, const Vec2& pixel,
   *mutable_parameter_block_sizes() = sizes;
 }
 
-bool ReprojectionCost::EvaluateCalibrated(double const* const* parameters, double* residuals,
-                                          double** jacobians) const {
+bool ReprojectionCost::EvaluateCalibrated(const AnyCamera& camera, double const* const* parameters,
+                                          double* residuals, double** jacobians) const {
   const Rigid3 pose = FromBlock(parameters[0]);
   const Eigen::Map<const Vec3> point(parameters[1]);
   Vec2 error(kImpossibleErrorPx, 0.0);
   Mat26 d_pose = Mat26::Zero();
   Mat23 d_point = Mat23::Zero();
   if (jacobians == nullptr) {
-    ReprojectionError(*camera_->camera, pose, point, pixel_, &error);
+    ReprojectionError(camera, pose, point, pixel_, &error);
   } else {
-    ReprojectionError(*camera_->camera, pose, point, pixel_, &error, &d_pose, &d_point);
+    ReprojectionError(camera, pose, point, pixel_, &error, &d_pose, &d_point);
   }
   Write<Vec2>(residuals, inverse_sigma_ * error);
   if (jacobians == nullptr) return true;
@@ -204,15 +226,17 @@ bool ReprojectionCost::EvaluateCalibrated(double const* const* parameters, doubl
 
 bool ReprojectionCost::Evaluate(double const* const* parameters, double* residuals,
                                 double** jacobians) const {
-  if (!camera_->camera) return false;  // impossible lens or port: Ceres takes a shorter step
+  const AnyCamera* camera = refine_camera_    ? camera_->At(parameters[2], parameters[3])
+                            : camera_->camera ? &*camera_->camera
+                                              : nullptr;
+  if (camera == nullptr) return false;  // impossible lens or port: Ceres takes a shorter step
   if (!refine_camera_ || jacobians == nullptr ||
       (jacobians[2] == nullptr && jacobians[3] == nullptr))
-    return EvaluateCalibrated(parameters, residuals, jacobians);
+    return EvaluateCalibrated(*camera, parameters, residuals, jacobians);
   Vec2 error(kImpossibleErrorPx, 0.0);
   ReprojectionJacobian j;
-  if (ReprojectionError(*camera_->camera, FromBlock(parameters[0]),
-                        Eigen::Map<const Vec3>(parameters[1]), pixel_, &error,
-                        &j) != Projection::kOk) {
+  if (ReprojectionError(*camera, FromBlock(parameters[0]), Eigen::Map<const Vec3>(parameters[1]),
+                        pixel_, &error, &j) != Projection::kOk) {
     j.d_error_d_pose.setZero();
     j.d_error_d_point.setZero();
     j.d_error_d_lens.setZero();

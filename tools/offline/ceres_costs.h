@@ -59,26 +59,20 @@ class PortManifold : public ceres::Manifold {
 // Indices of the lens parameters that stay.
 std::vector<int> HeldLensParams(LensModel lens, const RefineLens& refine);
 
-// One camera's parameters as Ceres moves them, and the camera they make.
+// One camera's parameters as Ceres moves them.
 struct CameraState {
   CameraConfig config;
   std::array<double, kMaxLensParams> lens{};
   PortParams port{};
-  std::optional<AnyCamera> camera;  // nothing while the parameters are impossible
+  std::optional<AnyCamera> camera;  // of `config`; nothing if its parameters are impossible
+  std::uint64_t id;                 // of no other camera of this program
 
   explicit CameraState(const CameraConfig& start);
-  // From `lens` and `port`.
+  // Brings `config` and `camera` up to `lens` and `port`.
   void Update();
-};
-
-// Makes the cameras once for every point at which Ceres evaluates.
-class CameraUpdate : public ceres::EvaluationCallback {
- public:
-  explicit CameraUpdate(std::vector<std::unique_ptr<CameraState>>* cameras) : cameras_(cameras) {}
-  void PrepareForEvaluation(bool evaluate_jacobians, bool new_evaluation_point) override;
-
- private:
-  std::vector<std::unique_ptr<CameraState>>* cameras_;
+  // The camera of these parameters, which Ceres may be trying; nullptr where they are impossible.
+  // Made once for each thread and change: lasts until the thread's next call.
+  const AnyCamera* At(const double* lens_params, const double* port_params) const;
 };
 
 // Blocks: pose (7), point (3) and, where `refine_camera`, lens (its number of parameters) and port
@@ -92,8 +86,8 @@ class ReprojectionCost : public ceres::CostFunction {
                 double** jacobians) const override;
 
  private:
-  bool EvaluateCalibrated(double const* const* parameters, double* residuals,
-                          double** jacobians) const;
+  bool EvaluateCalibrated(const AnyCamera& camera, double const* const* parameters,
+                          double* residuals, double** jacobians) const;
   const CameraState* camera_;
   Vec2 pixel_;
   double inverse_sigma_;

@@ -21,7 +21,8 @@ Json CameraJson(const CameraConfig& camera) {
 }
 
 Json RoundJson(const RefineRound& round) {
-  return {{"mean_error_px", round.mean_error_px},
+  return {{"refines_camera", round.refines_camera},
+          {"mean_error_px", round.mean_error_px},
           {"images", round.num_images},
           {"points", round.num_points},
           {"observations", round.num_observations},

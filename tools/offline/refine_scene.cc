@@ -35,11 +35,17 @@ class Refiner {
     report_.seconds_placing = Seconds(start);
     start = Now();
     if (options_.navigate && !report_.interrupted) options_.navigate(&scene_);
-    for (int round = 0; round < options_.max_rounds && !report_.interrupted; ++round) {
-      const auto done = Round(graph, round);
-      if (!done) return tl::unexpected(done.error());
-      if (*done) break;
+    // What is wrong with the matches goes first: a lens or port that is free would bend to it.
+    const bool refines_camera = options_.bundle.lens.Any() || options_.bundle.port.Any();
+    if (refines_camera && options_.settle_first) {
+      BundleOptions calibrated = options_.bundle;
+      calibrated.lens = {};
+      calibrated.port = {};
+      if (const Status status = Rounds(graph, calibrated); !status)
+        return tl::unexpected(status.error());
     }
+    if (const Status status = Rounds(graph, options_.bundle); !status)
+      return tl::unexpected(status.error());
     report_.seconds_rounds = Seconds(start);
     if (scene_.NumPlaced() < 2 || scene_.NumPoints() == 0)
       return Fail(Errc::kNotConverged, "nothing survived");
@@ -149,14 +155,26 @@ class Refiner {
     return {};
   }
 
+  Status Rounds(const CorrespondenceGraph& graph, const BundleOptions& bundle) {
+    for (int round = 0; round < options_.max_rounds && !report_.interrupted; ++round) {
+      const auto done = Round(graph, bundle, round == 0);
+      if (!done) return tl::unexpected(done.error());
+      if (*done) break;
+    }
+    return {};
+  }
+
   // True when another round would bring nothing.
-  Expected<bool> Round(const CorrespondenceGraph& graph, int number) {
+  Expected<bool> Round(const CorrespondenceGraph& graph, const BundleOptions& options,
+                       bool is_first) {
     RefineRound round;
+    round.refines_camera = options.lens.Any() || options.port.Any();
     round.tracks = UpdateTracks(graph, options_.tracks, &scene_);
     SceneBundle bundle = ToBundle(scene_);
-    BundleOptions adjust = options_.bundle;
+    BundleOptions adjust = options;
+    const std::size_t number = report_.rounds.size() + 1;
     adjust.progress = [&](const BundleProgress& p) {
-      return Tell("round " + std::to_string(number + 1),
+      return Tell("round " + std::to_string(number),
                   static_cast<double>(p.iteration) / p.max_iterations);
     };
     const auto adjusted = AdjustBundle(adjust, &bundle.problem);
@@ -168,9 +186,9 @@ class Refiner {
     round.num_images = scene_.NumPlaced();
     round.num_points = scene_.NumPoints();
     round.num_observations = scene_.NumObservations();
-    const RefineRound* before = report_.rounds.empty() ? nullptr : &report_.rounds.back();
+    const RefineRound* before = is_first ? nullptr : &report_.rounds.back();
     const bool done =
-        before != nullptr && round.num_images == before->num_images &&
+        before != nullptr && round.bundle.converged && round.num_images == before->num_images &&
         std::abs(round.num_observations - before->num_observations) <=
             options_.min_change * round.num_observations &&
         round.mean_error_px >= before->mean_error_px * (1.0 - options_.min_improvement);

@@ -21,6 +21,7 @@ struct RefineSceneOptions {
   FilterOptions filter;
   TrackOptions tracks;
   int max_rounds = 12;
+  bool settle_first = true;  // rounds with lens and port as they are, before those that refine them
   // The rounds end when the number of observations changes by no more than this part, ...
   double min_change = 0.002;
   double min_improvement = 0.001;  // ... and the mean error falls by no more than this part
@@ -33,6 +34,7 @@ struct RefineSceneOptions {
 };
 
 struct RefineRound {
+  bool refines_camera = false;  // lens or port
   BundleReport bundle;
   FilterReport filter;
   TrackReport tracks;

@@ -48,6 +48,11 @@ void PrintFindings(const RefineResult& result) {
   }
 }
 
+LossType LossOf(const std::string& name) {
+  if (name == "huber") return LossType::kHuber;
+  return name == "none" ? LossType::kNone : LossType::kCauchy;
+}
+
 }  // namespace
 
 CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options) {
@@ -63,6 +68,12 @@ CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options) {
   verb->add_flag("--uwpinhole", options->uwpinhole,
                  "the usual approximation, for comparison: no port, a lens made to absorb it")
       ->excludes(port);
+  verb->add_option("--loss", options->loss, "robust loss of image errors: cauchy, huber or none")
+      ->check(CLI::IsMember({"cauchy", "huber", "none"}))
+      ->capture_default_str();
+  verb->add_option("--loss-px", options->loss_px, "image error where the loss begins to bend [px]")
+      ->check(CLI::Range(0.01, 100.0))
+      ->capture_default_str();
   return verb;
 }
 
@@ -74,6 +85,7 @@ int RunRefine(const RefineOptions& options) {
   request.refine_port = options.refine_port;
   request.refine_lens = options.refine_lens;
   request.uwpinhole = options.uwpinhole;
+  request.scene.bundle.loss = {LossOf(options.loss), options.loss_px};
   StageProgress progress;
   request.progress = [&progress](const std::string& stage, double part) {
     return progress.Update(stage, part);

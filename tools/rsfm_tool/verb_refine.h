@@ -13,6 +13,8 @@ struct RefineOptions {
   bool refine_port = false;
   bool refine_lens = false;
   bool uwpinhole = false;
+  std::string loss = "cauchy";
+  double loss_px = 1.0;
 };
 
 CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options);
