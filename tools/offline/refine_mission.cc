@@ -82,7 +82,10 @@ IoStatus DropPort(const RefineRequest& request, CameraConfig* config) {
   return {};
 }
 
-void ChooseParameters(const RefineRequest& request, BundleOptions* bundle) {
+void ChooseParameters(const RefineRequest& request, RefineSceneOptions* options) {
+  BundleOptions* bundle = &options->bundle;
+  // A lens comes from a calibration, near enough to judge matches by; a port often from a drawing.
+  options->settle_first = !request.refine_port && !request.uwpinhole;
   if (request.refine_lens || request.uwpinhole)
     bundle->lens.focal = bundle->lens.principal_point = bundle->lens.distortion = true;
   if (request.uwpinhole) {
@@ -155,7 +158,7 @@ IoExpected<RefineResult> Refine(const RefineRequest& request) {
   const NavigationInput navigation{loaded->nav, loaded->rig.body_from_camera, loaded->rig.mapper};
   RefineSceneOptions options = request.scene;
   options.progress = request.progress;
-  ChooseParameters(request, &options.bundle);
+  ChooseParameters(request, &options);
   if (!navigation.samples.empty()) {
     options.navigate = [&](Scene* s) {
       result.alignment = AlignToNavigation(navigation, s);
