@@ -85,7 +85,7 @@ IoStatus DropPort(const RefineRequest& request, CameraConfig* config) {
 void ChooseParameters(const RefineRequest& request, RefineSceneOptions* options) {
   BundleOptions* bundle = &options->bundle;
   // A lens comes from a calibration, near enough to judge matches by; a port often from a drawing.
-  options->settle_first = !request.refine_port && !request.uwpinhole;
+  options->settle_first = !request.refine_port;
   if (request.refine_lens || request.uwpinhole)
     bundle->lens.focal = bundle->lens.principal_point = bundle->lens.distortion = true;
   if (request.uwpinhole) {
