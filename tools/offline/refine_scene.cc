@@ -187,8 +187,12 @@ class Refiner {
     round.num_points = scene_.NumPoints();
     round.num_observations = scene_.NumObservations();
     const RefineRound* before = is_first ? nullptr : &report_.rounds.back();
+    // Rounds of which each still lowers the cost go on, whatever the mean error does.
+    const bool settled =
+        round.bundle.converged || round.bundle.initial_cost - round.bundle.final_cost <=
+                                      options_.min_improvement * round.bundle.initial_cost;
     const bool done =
-        before != nullptr && round.bundle.converged && round.num_images == before->num_images &&
+        before != nullptr && settled && round.num_images == before->num_images &&
         std::abs(round.num_observations - before->num_observations) <=
             options_.min_change * round.num_observations &&
         round.mean_error_px >= before->mean_error_px * (1.0 - options_.min_improvement);
