@@ -4,11 +4,16 @@
 // Parameters in COLMAP's order: f (or fx fy), cx, cy, distortion.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <type_traits>
+#include <variant>
 
 #include "rsfm/base/linear.h"
+#include "rsfm/camera/inverse_series.h"
 #include "rsfm/camera/lens.h"
+#include "rsfm/camera/lens_block.h"
 
 namespace rsfm {
 
@@ -19,13 +24,20 @@ class ComposedLens {
  public:
   static constexpr LensModel kModel = kModelId;
   static constexpr int kNumParams = kNumFocals + 2 + Distortion::kNumParams;
+  static constexpr int kFastUnprojectSteps = 2;  // enough for the lenses that people use
   static constexpr int kMaxUnprojectSteps = 30;
   using Params = std::array<double, kNumParams>;
   using Jacobian = LensJacobian<kNumParams>;
 
-  explicit ComposedLens(const Params& params) noexcept : params_(params) {
+  explicit ComposedLens(const Params& params) noexcept
+      : params_(params), inverse_fx_(1.0 / fx()), inverse_fy_(1.0 / fy()) {
     max_radius_squared_ = Distortion::MaxRadius(distortion(), Base::kMaxRadius);
     max_radius_squared_ *= max_radius_squared_;
+    if constexpr (kHasSeries) {
+      series_ = Distortion::MakeInverseSeries(distortion());
+      safe_radius_squared_ = Distortion::SafeRadius(distortion());
+      safe_radius_squared_ *= safe_radius_squared_;
+    }
   }
 
   const Params& params() const noexcept { return params_; }
@@ -35,8 +47,9 @@ class ComposedLens {
   LensStatus Project(const Vec3& direction, Vec2* pixel) const noexcept {
     Vec2 p, q;
     if (!Base::template FromDirection<double>(direction, &p)) return LensStatus::kBehind;
-    if (!(p.squaredNorm() <= max_radius_squared_)) return LensStatus::kOutsideDomain;
-    if constexpr (Distortion::kIsRadial) {
+    const double radius_squared = p.squaredNorm();
+    if (!(radius_squared <= max_radius_squared_)) return LensStatus::kOutsideDomain;
+    if (Distortion::kIsRadial || radius_squared <= safe_radius_squared_) {
       Distortion::template Apply<double>(distortion(), p, &q);
     } else {
       Mat2 d_q_d_p;
@@ -57,10 +70,22 @@ class ComposedLens {
                                &jacobian->d_pixel_d_params);
   }
 
+  // The derivatives to the parameters in columns as wide as any model's; those beyond are zero.
+  LensStatus Project(const Vec3& direction, Vec2* pixel, Mat23* d_pixel_d_direction,
+                     LensParamsJacobian* d_pixel_d_params) const noexcept {
+    Eigen::Matrix<double, 2, kNumParams> of_params;
+    const LensStatus status =
+        ProjectWithJacobian(direction, pixel, d_pixel_d_direction, &of_params);
+    if (status != LensStatus::kOk) return status;
+    d_pixel_d_params->template leftCols<kNumParams>() = of_params;
+    d_pixel_d_params->template rightCols<kMaxLensParams - kNumParams>().setZero();
+    return LensStatus::kOk;
+  }
+
   // In closed form where the distortion has an inverse; else by Newton with the analytic Jacobian,
-  // kept inside the domain, in at most 2 kMaxUnprojectSteps steps.
+  // kept inside the domain, in at most kFastUnprojectSteps + 2 kMaxUnprojectSteps steps.
   LensStatus Unproject(const Vec2& pixel, Vec3* direction) const noexcept {
-    const Vec2 q((pixel.x() - cx()) / fx(), (pixel.y() - cy()) / fy());
+    const Vec2 q((pixel.x() - cx()) * inverse_fx_, (pixel.y() - cy()) * inverse_fy_);
     Vec2 p = q;
     if constexpr (requires { Distortion::Undistort(distortion(), q, &p); }) {
       if (!Distortion::Undistort(distortion(), q, &p)) return LensStatus::kOutsideDomain;
@@ -69,6 +94,43 @@ class ComposedLens {
     }
     if (!(p.squaredNorm() <= max_radius_squared_)) return LensStatus::kOutsideDomain;
     return Base::ToDirection(p, direction) ? LensStatus::kOk : LensStatus::kOutsideDomain;
+  }
+
+  // Whole blocks; entries whose lens status is not kOk keep `settled` zero, and so may entries that
+  // only the one-by-one functions can settle.
+  void UnprojectBlock(LensBlock* block) const noexcept {
+    if constexpr (kHasBlocks) {
+      LensBlockParams of_block{.inverse_fx = inverse_fx_,
+                               .inverse_fy = inverse_fy_,
+                               .cx = cx(),
+                               .cy = cy(),
+                               .max_radius_squared = max_radius_squared_};
+      if constexpr (kHasSeries) {
+        Distortion::FillBlockParams(distortion(), series_, &of_block);
+        UndistortBlock(of_block, block);
+      } else {
+        NormalisePixelBlock(of_block, block);
+      }
+      if constexpr (Base::kIsPerspective) {
+        PerspectiveBlock(block);
+      } else {
+        for (int i = 0; i < kLensBlock; ++i) {
+          Vec3 direction = Vec3::UnitZ();
+          if (block->settled[i] == 0.0 ||
+              !Base::ToDirection(Vec2(block->x[i], block->y[i]), &direction)) {
+            block->settled[i] = 0.0;
+          }
+          block->Set(i, direction);
+        }
+      }
+    } else {
+      for (int i = 0; i < kLensBlock; ++i) {
+        Vec3 direction = Vec3::UnitZ();
+        const LensStatus status = Unproject(Vec2(block->x[i], block->y[i]), &direction);
+        block->settled[i] = status == LensStatus::kOk ? 1.0 : 0.0;
+        block->Set(i, direction);
+      }
+    }
   }
 
   template <class T>
@@ -82,6 +144,13 @@ class ComposedLens {
   }
 
  private:
+  static constexpr bool kHasSeries = requires(const double* k) {
+    Distortion::MakeInverseSeries(k);
+  };
+  static constexpr bool kHasBlocks = kHasSeries || Distortion::kNumParams == 0;
+  // Of the squared relative change of a Newton step: the next one would be below rounding.
+  static constexpr double kSettled = 1e-16;
+
   double fx() const { return params_[0]; }
   double fy() const { return params_[kNumFocals - 1]; }
   double cx() const { return params_[kNumFocals]; }
@@ -119,12 +188,30 @@ class ComposedLens {
     return LensStatus::kOk;
   }
 
-  // From the distorted point, which takes three or four steps for every lens that people use; where
-  // that does not settle, once more from the centre, where every distortion is nearly the identity.
+  // From the reverted series, which takes two steps for every lens that people use; where that does
+  // not settle, with care from there, and once more from the centre, where every distortion is
+  // nearly the identity.
   bool Undistort(const Vec2& q, Vec2* result) const noexcept {
     Vec2 start = q;
-    if constexpr (requires { Distortion::UndistortStart(distortion(), q); }) {
-      start = Distortion::UndistortStart(distortion(), q);
+    if constexpr (kHasSeries) start = Distortion::UndistortStart(distortion(), series_, q);
+    Vec2 p = start, value;
+    Mat2 d_q_d_p;
+    double change = 0.0, least_determinant = 1.0;
+    for (int step = 0; step < kFastUnprojectSteps; ++step) {
+      Distortion::Apply(distortion(), p, &value, &d_q_d_p, nullptr);
+      const double determinant = d_q_d_p(0, 0) * d_q_d_p(1, 1) - d_q_d_p(0, 1) * d_q_d_p(1, 0);
+      const double u = value.x() - q.x(), v = value.y() - q.y(), inverse = 1.0 / determinant;
+      const double dx = inverse * (d_q_d_p(1, 1) * u - d_q_d_p(0, 1) * v);
+      const double dy = inverse * (d_q_d_p(0, 0) * v - d_q_d_p(1, 0) * u);
+      p = Vec2(p.x() - dx, p.y() - dy);
+      change = dx * dx + dy * dy;
+      least_determinant = std::min(least_determinant, determinant);
+    }
+    const double radius_squared = p.squaredNorm();
+    if (least_determinant > 0.0 && radius_squared <= max_radius_squared_ &&
+        change <= kSettled * (1e-6 + radius_squared)) {
+      *result = p;
+      return true;
     }
     return Newton(q, start, result) || Newton(q, Vec2::Zero(), result);
   }
@@ -153,8 +240,7 @@ class ComposedLens {
       }
       const double change = (next - p).squaredNorm();
       p = next;
-      if (change <=
-          1e-17 * (1e-6 + p.squaredNorm())) {  // the next quadratic step would be below rounding
+      if (change <= kSettled * (1e-6 + p.squaredNorm())) {
         *result = p;
         return true;
       }
@@ -163,7 +249,10 @@ class ComposedLens {
   }
 
   Params params_;
+  double inverse_fx_, inverse_fy_;
   double max_radius_squared_;
+  double safe_radius_squared_ = 0.0;  // within it no Jacobian need be looked at
+  [[no_unique_address]] std::conditional_t<kHasSeries, InverseSeries, std::monostate> series_;
 };
 
 }  // namespace rsfm

@@ -10,7 +10,10 @@
 namespace rsfm {
 
 struct EquidistantBase {
+  static constexpr bool kIsPerspective = false;
   static constexpr double kMaxRadius = std::numbers::pi;  // straight back
+  // Directions nearer to the axis than this are on it.
+  static constexpr double kAxisSineSquared = 1e-24;
 
   // p = theta (x, y) / |(x, y)|, theta = atan2(|(x, y)|, z). False for the null vector and straight
   // back.
@@ -19,7 +22,7 @@ struct EquidistantBase {
     using std::atan2;
     using std::sqrt;
     const T rho_squared = d.x() * d.x() + d.y() * d.y();
-    if (rho_squared == T(0.0)) {
+    if (rho_squared <= T(kAxisSineSquared) * (rho_squared + d.z() * d.z())) {
       if (!(d.z() > T(0.0))) return false;
       *p = Vec2T<T>(d.x() / d.z(), d.y() / d.z());
       return true;
@@ -33,7 +36,7 @@ struct EquidistantBase {
     const double rho_squared = d.x() * d.x() + d.y() * d.y();
     const double norm_squared = rho_squared + d.z() * d.z();
     double scale, slope;  // theta / rho and (d theta / d rho - theta / rho) / rho^2
-    if (rho_squared <= 1e-24 * norm_squared) {
+    if (rho_squared <= kAxisSineSquared * norm_squared) {
       if (!(d.z() > 0.0)) return false;
       scale = 1.0 / d.z();
       slope = 0.0;

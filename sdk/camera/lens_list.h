@@ -59,9 +59,22 @@ using MetashapeFisheye =
 template <class... Lenses>
 struct LensTypeList {};
 
-using AllLenses =
-    LensTypeList<SimplePinhole, Pinhole, SimpleRadial, Radial, OpenCV, OpenCVFisheye, FullOpenCV,
-                 Fov, SimpleRadialFisheye, RadialFisheye, ThinPrismFisheye, RadTanThinPrismFisheye,
-                 SimpleDivision, Division, SimpleFisheye, Fisheye, Eucm, MetashapeFisheye>;
+// In the groups in which they are compiled (lens_ops_*.cc).
+using PinholeLenses = LensTypeList<SimplePinhole, Pinhole, Fov, SimpleDivision, Division, Eucm>;
+using RadialLenses = LensTypeList<SimpleRadial, Radial, OpenCV, FullOpenCV>;
+using FisheyeLenses =
+    LensTypeList<SimpleFisheye, Fisheye, SimpleRadialFisheye, RadialFisheye, OpenCVFisheye>;
+using PrismLenses = LensTypeList<ThinPrismFisheye, RadTanThinPrismFisheye, MetashapeFisheye>;
+
+template <class... Lists>
+struct JoinLenses;
+template <class... Ls>
+struct JoinLenses<LensTypeList<Ls...>> {
+  using type = LensTypeList<Ls...>;
+};
+template <class... As, class... Bs, class... Rest>
+struct JoinLenses<LensTypeList<As...>, LensTypeList<Bs...>, Rest...>
+    : JoinLenses<LensTypeList<As..., Bs...>, Rest...> {};
+using AllLenses = JoinLenses<PinholeLenses, RadialLenses, FisheyeLenses, PrismLenses>::type;
 
 }  // namespace rsfm

@@ -8,6 +8,7 @@
 namespace rsfm {
 
 struct PerspectiveBase {
+  static constexpr bool kIsPerspective = true;
   // Of the plane's points: a microradian from the horizon. Beyond, pixels are no longer numbers one
   // can work with.
   static constexpr double kMaxRadius = 1e6;

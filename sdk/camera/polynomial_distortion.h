@@ -10,6 +10,8 @@
 #include <cmath>
 
 #include "rsfm/base/linear.h"
+#include "rsfm/camera/inverse_series.h"
+#include "rsfm/camera/lens_block.h"
 #include "rsfm/camera/polynomial.h"
 
 namespace rsfm {
@@ -100,16 +102,65 @@ struct PolynomialDistortion {
     }
   }
 
-  // Where to start the search for the undistorted point: the radial polynomial's reverted series to
-  // the sixth order in r. [Drap & Lefevre 2016, Sensors 16(6), eqs. (20)-(22)]
-  static Vec2 UndistortStart(const double* k, const Vec2& q) {
-    const double k1 = kLayout.num_radial > 0 ? k[kLayout.radial[0]] : 0.0;
-    const double k2 = kLayout.num_radial > 1 ? k[kLayout.radial[1]] : 0.0;
-    const double k3 = kLayout.num_radial > 2 ? k[kLayout.radial[2]] : 0.0;
-    const double r2 = q.squaredNorm(), k1k1 = k1 * k1;
-    const double factor =
-        r2 * (-k1 + r2 * (3.0 * k1k1 - k2 + r2 * (8.0 * k1 * k2 - 12.0 * k1 * k1k1 - k3)));
-    return std::abs(factor) < 0.3 ? Vec2(q + factor * q) : q;  // else too strong for a series
+  static InverseSeries MakeInverseSeries(const double* k) {
+    std::array<double, InverseSeries::kTerms> a{};
+    for (int i = 0; i < kLayout.num_radial; ++i) a[i] = k[kLayout.radial[i]];
+    return RevertRadialSeries(a);
+  }
+
+  // Where to start the search for the undistorted point: the reverted radial series, then the
+  // tangential and prism terms taken off to first order.
+  static Vec2 UndistortStart(const double* k, const InverseSeries& series, const Vec2& q) {
+    const double factor = series.Factor(q.x() * q.x() + q.y() * q.y());
+    if (!(std::abs(factor) < kMaxSeriesFactor)) return q;  // too strong for a series
+    double x = q.x() + factor * q.x(), y = q.y() + factor * q.y();
+    if constexpr (!kIsRadial) {
+      const double xx = x * x, yy = y * y, r2 = xx + yy;
+      double u = 0.0, v = 0.0;
+      if constexpr (kLayout.tangential >= 0) {
+        u += 2.0 * k[kP1] * x * y + k[kP2] * (r2 + 2.0 * xx);
+        v += 2.0 * k[kP2] * x * y + k[kP1] * (r2 + 2.0 * yy);
+      }
+      if constexpr (kLayout.prism >= 0) {
+        u += k[kLayout.prism] * r2;
+        v += k[kLayout.prism + 1] * r2;
+      }
+      x -= u;
+      y -= v;
+    }
+    return {x, y};
+  }
+
+  // Within this radius the distortion is monotone in every direction: where even the sum of all
+  // that could turn its Jacobian stays below one, the identity wins.
+  static double SafeRadius(const double* k) {
+    double linear = 0.0;  // bounds the Jacobian of the tangential and prism terms, per radius
+    if constexpr (kLayout.tangential >= 0) linear += 8.0 * (std::abs(k[kP1]) + std::abs(k[kP2]));
+    if constexpr (kLayout.prism >= 0)
+      linear += 2.0 * (std::abs(k[kLayout.prism]) + std::abs(k[kLayout.prism + 1]));
+    double safe = 0.0;
+    for (double step = 4.0; step > 1e-3; step *= 0.5) {
+      const double r = safe + step, r2 = r * r;
+      double sum = 0.0;  // of the radial terms' slopes
+      for (int i = kLayout.num_radial - 1; i >= 0; --i)
+        sum = (sum + (2 * i + 3) * std::abs(k[kLayout.radial[i]])) * r2;
+      if (sum + linear * r < 0.99) safe = r;
+    }
+    return safe;
+  }
+
+  static void FillBlockParams(const double* k, const InverseSeries& series,
+                              LensBlockParams* params) {
+    params->series = series;
+    for (int i = 0; i < kLayout.num_radial; ++i) params->radial[i] = k[kLayout.radial[i]];
+    if constexpr (kLayout.tangential >= 0) {
+      params->p1 = k[kP1];
+      params->p2 = k[kP2];
+    }
+    if constexpr (kLayout.prism >= 0) {
+      params->sx = k[kLayout.prism];
+      params->sy = k[kLayout.prism + 1];
+    }
   }
 
   // Where r (1 + k1 r^2 + ...) stops growing: the root of 1 + 3 k1 r^2 + 5 k2 r^4 + ...

@@ -49,22 +49,60 @@ void ReadWater(YamlMap* port, double index_air, double wavelength_nm, double* in
   *index_water = index_air * *index;
 }
 
-// `glass: BK7` in place of index_glass; relative to air, as water.
-void ReadGlass(YamlMap* port, double index_air, double wavelength_nm, double* index_glass) {
+// The index of what light goes through: a number, or `glass: BK7` in its place, relative to air, as
+// water.
+void ReadGlass(YamlMap* port, const std::string& index_key, double index_air, double wavelength_nm,
+               double* index_glass) {
+  if (!port->Has("glass")) {
+    port->GetNumber(index_key, Need::kRequired, kIndexBounds, index_glass);
+    return;
+  }
   std::string name;
-  port->Ignore("index_glass");
-  if (port->Has("index_glass")) {
-    port->AddProblem("index_glass", "is given beside glass", "keep one of them");
+  port->Ignore(index_key);
+  if (port->Has(index_key)) {
+    port->AddProblem(index_key, "is given beside glass", "keep one of them");
   }
   if (!port->GetText("glass", Need::kRequired, &name)) return;
   const auto glass = GlassFromName(name);
   if (!glass) {
-    port->AddProblem("glass", Quoted(name) + " is not a glass that is known here",
-                     "give BK7, fused_silica, sapphire or acrylic, or index_glass as a number");
+    port->AddProblem(
+        "glass", Quoted(name) + " is not a glass that is known here",
+        "give BK7, fused_silica, sapphire or acrylic, or " + index_key + " as a number");
     return;
   }
   const auto index = GlassIndex(*glass, wavelength_nm);
   if (index) *index_glass = index_air * *index;  // the wavelength has been checked
+}
+
+// `layers: [{thickness_m, index or glass}, ...]` of a flat port, from the inside out, in place of
+// thickness_m and the index of a single one.
+void ReadLayers(YamlMap* port, double wavelength_nm, PortConfig* result) {
+  for (const char* key : {"thickness_m", "index_glass", "glass"}) {
+    port->Ignore(key);
+    if (port->Has(key)) port->AddProblem(key, "is given beside layers", "move it into a layer");
+  }
+  const YAML::Node list = port->GetList("layers", Need::kRequired);
+  if (!list) return;
+  if (list.size() < 1 || list.size() > static_cast<std::size_t>(kMaxPortLayers)) {
+    port->AddProblem("layers", "has " + std::to_string(list.size()) + " elements",
+                     "give one to " + std::to_string(kMaxPortLayers) +
+                         " of {thickness_m, index}, from the inside out");
+    return;
+  }
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    YamlMap map(list[i], port->PathOf("layers[" + std::to_string(i) + "]"), port->file(),
+                port->problems());
+    PortLayer layer;
+    map.GetNumber("thickness_m", Need::kRequired, kThicknessBounds, &layer.thickness_m);
+    ReadGlass(&map, "index", result->index_air, wavelength_nm, &layer.index);
+    map.Finish();
+    if (i == 0) {
+      result->thickness_m = layer.thickness_m;
+      result->index_glass = layer.index;
+    } else {
+      result->outer_layers.TryPushBack(layer);
+    }
+  }
 }
 
 }  // namespace
@@ -186,7 +224,7 @@ void ReadPortSection(const YAML::Node& node, const std::string& file,
     // forth while a rig is being tried.
     for (const char* key :
          {"normal", "distance_m", "center_m", "radius_m", "thickness_m", "index_air", "index_glass",
-          "glass", "index_water", "water", "wavelength_nm"}) {
+          "glass", "index_water", "water", "wavelength_nm", "layers"}) {
       map.Ignore(key);
     }
   } else if (type == "flat" || type == "dome") {
@@ -199,14 +237,18 @@ void ReadPortSection(const YAML::Node& node, const std::string& file,
       map.GetVec3("center_m", Need::kRequired, &result.center_m);
       map.GetNumber("radius_m", Need::kRequired, kRadiusBounds, &result.radius_m);
     }
-    map.GetNumber("thickness_m", Need::kRequired, kThicknessBounds, &result.thickness_m);
     map.GetNumber("index_air", Need::kOptional, kIndexBounds, &result.index_air);
     double wavelength_nm = WaterConditions().wavelength_nm;
     map.GetNumber("wavelength_nm", Need::kOptional, kWavelengthBounds, &wavelength_nm);
-    if (map.Has("glass")) {
-      ReadGlass(&map, result.index_air, wavelength_nm, &result.index_glass);
+    if (is_flat && map.Has("layers")) {
+      ReadLayers(&map, wavelength_nm, &result);
     } else {
-      map.GetNumber("index_glass", Need::kRequired, kIndexBounds, &result.index_glass);
+      map.GetNumber("thickness_m", Need::kRequired, kThicknessBounds, &result.thickness_m);
+      ReadGlass(&map, "index_glass", result.index_air, wavelength_nm, &result.index_glass);
+      if (map.Has("layers")) {
+        map.Ignore("layers");
+        map.AddProblem("layers", "belongs to a flat port", "give a dome thickness_m and one index");
+      }
     }
     if (map.Has("water")) {
       ReadWater(&map, result.index_air, wavelength_nm, &result.index_water);

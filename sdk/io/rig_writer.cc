@@ -137,9 +137,19 @@ std::string FormatCamera(const CameraConfig& camera) {
     AddField(&text, "center_m", port.center_m);
     AddField(&text, "radius_m", port.radius_m);
   }
-  AddField(&text, "thickness_m", port.thickness_m);
   AddField(&text, "index_air", port.index_air);
-  AddField(&text, "index_glass", port.index_glass);
+  if (port.outer_layers.empty()) {
+    AddField(&text, "thickness_m", port.thickness_m);
+    AddField(&text, "index_glass", port.index_glass);
+  } else {
+    text += "  layers:  # from the inside out\n";
+    const auto add = [&](double thickness_m, double index) {
+      text += "    - {thickness_m: " + FormatNumber(thickness_m) +
+              ", index: " + FormatNumber(index) + "}\n";
+    };
+    add(port.thickness_m, port.index_glass);
+    for (const PortLayer& layer : port.outer_layers) add(layer.thickness_m, layer.index);
+  }
   AddField(&text, "index_water", port.index_water);
   return text;
 }

@@ -1,7 +1,6 @@
 #include "rsfm/refraction/any_camera.h"
 
 #include <cmath>
-#include <optional>
 
 namespace rsfm {
 namespace {
@@ -38,6 +37,13 @@ Status CheckPort(const PortConfig& port) {
     return Fail(Errc::kInvalidArgument, "index_glass");
   if (!(port.index_water >= 1.0 && port.index_water <= 4.0))
     return Fail(Errc::kInvalidArgument, "index_water");
+  for (std::size_t i = 0; i < port.outer_layers.size(); ++i) {
+    const PortLayer& layer = port.outer_layers[i];
+    if (port.type != PortType::kFlat || !(layer.thickness_m >= 0.0 && layer.thickness_m <= 10.0) ||
+        !(layer.index >= 1.0 && layer.index <= 4.0)) {
+      return Fail(Errc::kInvalidArgument, "layers", static_cast<std::int32_t>(i) + 1);
+    }
+  }
   if (port.type == PortType::kFlat) {
     if (!(std::abs(port.normal.norm() - 1.0) <= kUnitTolerance))
       return Fail(Errc::kInvalidArgument, "normal");
@@ -52,88 +58,57 @@ Status CheckPort(const PortConfig& port) {
   return {};
 }
 
-template <class L>
-typename L::Params LensParams(const CameraConfig& config) {
-  typename L::Params params;
-  for (int i = 0; i < L::kNumParams; ++i) params[i] = config.lens_params[i];
-  return params;
-}
-
-template <class L>
-CameraVariant ComposePort(const CameraConfig& config) {
-  const L lens(LensParams<L>(config));
-  switch (config.port.type) {
-    case PortType::kFlat:
-      return RefractiveCamera<L, FlatPort>{lens, FlatPort(config.port)};
-    case PortType::kDome:
-      return RefractiveCamera<L, DomePort>{lens, DomePort(config.port)};
-    case PortType::kNone:
-      break;
-  }
-  return RefractiveCamera<L, NoPort>{lens, NoPort(config.port)};
-}
-
-template <class... Ls>
-CameraVariant Compose(const CameraConfig& config, LensTypeList<Ls...>) {
-  std::optional<CameraVariant> result;
-  (void)((Ls::kModel == config.lens ? (result.emplace(ComposePort<Ls>(config)), true) : false) ||
-         ...);
-  return *result;  // CheckLens has found the model
-}
-
 }  // namespace
 
 Expected<AnyCamera> AnyCamera::Create(const CameraConfig& config) noexcept {
   if (const Status status = CheckLens(config); !status) return tl::unexpected(status.error());
   if (const Status status = CheckPort(config.port); !status) return tl::unexpected(status.error());
-  const CameraVariant camera = Compose(config, AllLenses{});
+  const auto lens =
+      AnyLens::Create(config.lens, {config.lens_params.data(), config.lens_params.size()});
+  if (!lens) return Fail(Errc::kInvalidArgument, "model");
   // Parameters with which the model maps nothing (an angle of view of 180 degrees, a negative
   // beta).
-  if (!std::visit([](const auto& c) { return c.lens.max_radius_squared() > 0.0; }, camera)) {
+  if (!(lens->max_radius_squared() > 0.0))
     return Fail(Errc::kInvalidArgument, "params", NumFocalLengths(config.lens) + 2);
-  }
-  return AnyCamera(config, camera);
+  return AnyCamera(config, Composed{*lens, AnyPort(config.port)});
 }
 
 Projection AnyCamera::Project(const Vec3& point_in_camera, Vec2* pixel) const noexcept {
-  return std::visit([&](const auto& camera) { return camera.Project(point_in_camera, pixel); },
-                    camera_);
+  return camera_.Project(point_in_camera, pixel);
 }
 
 Projection AnyCamera::Project(const Vec3& point_in_camera, Vec2* pixel,
                               Mat23* d_pixel_d_point) const noexcept {
-  return std::visit(
-      [&](const auto& camera) { return camera.Project(point_in_camera, pixel, d_pixel_d_point); },
-      camera_);
+  return camera_.Project(point_in_camera, pixel, d_pixel_d_point);
 }
 
 Projection AnyCamera::Project(const Vec3& point_in_camera, Vec2* pixel,
                               CameraJacobian* jacobian) const noexcept {
-  return std::visit(
-      [&](const auto& camera) { return camera.Project(point_in_camera, pixel, jacobian); },
-      camera_);
+  return camera_.Project(point_in_camera, pixel, jacobian);
 }
 
 Projection AnyCamera::Backproject(const Vec2& pixel, Ray3* ray_in_camera) const noexcept {
-  return std::visit([&](const auto& camera) { return camera.Backproject(pixel, ray_in_camera); },
-                    camera_);
+  return camera_.Backproject(pixel, ray_in_camera);
+}
+
+Projection AnyCamera::Backproject(const Vec2& pixel, Ray3* ray_in_camera,
+                                  RayJacobian* jacobian) const noexcept {
+  return camera_.Backproject(pixel, ray_in_camera, jacobian);
+}
+
+Projection AnyCamera::Backproject(const Vec2& pixel, Ray3* ray_in_camera,
+                                  double* range_to_axis) const noexcept {
+  return camera_.Backproject(pixel, ray_in_camera, range_to_axis);
 }
 
 void AnyCamera::Project(std::span<const Vec3> points_in_camera, std::span<Vec2> pixels,
                         std::span<Projection> statuses) const noexcept {
-  std::visit([&](const auto& camera) { camera.Project(points_in_camera, pixels, statuses); },
-             camera_);
+  camera_.Project(points_in_camera, pixels, statuses);
 }
 
 void AnyCamera::Backproject(std::span<const Vec2> pixels, std::span<Ray3> rays_in_camera,
                             std::span<Projection> statuses) const noexcept {
-  std::visit(
-      [&](const auto& camera) {
-        for (std::size_t i = 0; i < pixels.size(); ++i) {
-          statuses[i] = camera.Backproject(pixels[i], &rays_in_camera[i]);
-        }
-      },
-      camera_);
+  camera_.Backproject(pixels, rays_in_camera, statuses);
 }
 
 double AnyCamera::MeanFocalLength() const noexcept {
@@ -141,8 +116,6 @@ double AnyCamera::MeanFocalLength() const noexcept {
   return NumFocalLengths(config_.lens) == 1 ? params[0] : 0.5 * (params[0] + params[1]);
 }
 
-Vec3 AnyCamera::RefractionAxis() const noexcept {
-  return std::visit([](const auto& camera) { return camera.port.Axis(); }, camera_);
-}
+Vec3 AnyCamera::RefractionAxis() const noexcept { return camera_.port.Axis(); }
 
 }  // namespace rsfm

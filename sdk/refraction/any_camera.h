@@ -1,4 +1,5 @@
-// Any camera: a closed variant over lens x port, visited once per call or once per batch.
+// Any camera: RefractiveCamera over the closed sets of lenses and of ports, each dispatched to once
+// per call, or once per block of a batch.
 //
 // Frames: the camera frame is x right, y down, z forward, its origin the lens's centre in air.
 // Pixels as COLMAP has them: the centre of the top-left pixel is (0.5, 0.5). Metres. All functions
@@ -9,9 +10,11 @@
 
 #include "rsfm/base/error.h"
 #include "rsfm/base/ray3.h"
+#include "rsfm/camera/any_lens.h"
+#include "rsfm/refraction/any_port.h"
 #include "rsfm/refraction/camera_config.h"
-#include "rsfm/refraction/camera_variant.h"
 #include "rsfm/refraction/projection.h"
+#include "rsfm/refraction/refractive_camera.h"
 
 namespace rsfm {
 
@@ -19,7 +22,8 @@ class AnyCamera {
  public:
   // Checks everything a camera file can get wrong. kInvalidArgument; `where` is the field's name in
   // the camera file
-  // ("params", "normal", "radius_m", ...), `detail` the index of the lens parameter for "params".
+  // ("params", "normal", "radius_m", ...), `detail` the index of the lens parameter for "params",
+  // that of the layer, counted from the inside and from zero, for "layers".
   static Expected<AnyCamera> Create(const CameraConfig& config) noexcept;
 
   const CameraConfig& config() const { return config_; }
@@ -37,6 +41,14 @@ class AnyCamera {
   // Pixel to the ray in water: origin on the port's outer surface (the camera centre without a
   // port), unit direction.
   Projection Backproject(const Vec2& pixel, Ray3* ray_in_camera) const noexcept;
+  // And its derivatives by pixel, lens and port.
+  Projection Backproject(const Vec2& pixel, Ray3* ray_in_camera,
+                         RayJacobian* jacobian) const noexcept;
+  // And where along the ray's line, in metres from its origin, the refraction axis is met: negative
+  // behind the surface, infinite where ray and axis are parallel. In closed form, so that it has
+  // its limit where the two coincide (a pixel on the axis, a centred dome).
+  Projection Backproject(const Vec2& pixel, Ray3* ray_in_camera,
+                         double* range_to_axis) const noexcept;
 
   // The same in batches; all spans have the same length. Entries that fail keep their output and
   // get their status.
@@ -59,11 +71,12 @@ class AnyCamera {
   Vec3 RefractionAxis() const noexcept;
 
  private:
-  AnyCamera(const CameraConfig& config, const CameraVariant& camera)
+  using Composed = RefractiveCamera<AnyLens, AnyPort>;
+  AnyCamera(const CameraConfig& config, const Composed& camera)
       : config_(config), camera_(camera) {}
 
   CameraConfig config_;
-  CameraVariant camera_;
+  Composed camera_;
 };
 
 }  // namespace rsfm

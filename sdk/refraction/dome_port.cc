@@ -2,30 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
-#include "rsfm/refraction/snell.h"
+#include "rsfm/refraction/dome_path.h"
 
 namespace rsfm {
-
-// u points from the dome's centre to the point; the camera lies at (camera_u, camera_v) along u and
-// its perpendicular v.
-struct DomePort::Plane {
-  Vec3 u;
-  Vec3 camera_across;  // the camera's position across u: camera_v * v
-  double range;        // of the point from the centre
-  double camera_u, camera_v;
-  int steps;
-};
-
-struct DomePort::Path {
-  double cosine, sine;             // of beta, the direction in air against u
-  double b_air, b_glass, b_water;  // signed distances of the three stretches from the centre
-  double i_air, i_glass_in, i_glass_out, i_water;  // 1 / sqrt(rho^2 - b^2) at the two surfaces
-  double turned_cosine, turned_sine;               // of the direction in water against u
-  double bend;                                     // d turns / d b_air
-  double residual, slope, curvature;
-};
 
 DomePort::DomePort(const PortConfig& config) noexcept
     : center_(config.center_m),
@@ -35,7 +17,11 @@ DomePort::DomePort(const PortConfig& config) noexcept
       air_to_glass_(config.index_air / config.index_glass),
       air_to_water_(config.index_air / config.index_water),
       inner_squared_(inner_ * inner_),
-      outer_squared_(outer_ * outer_) {}
+      outer_squared_(outer_ * outer_),
+      per_inner_squared_(1.0 / inner_squared_),
+      per_outer_squared_(1.0 / outer_squared_),
+      center_squared_(center_.squaredNorm()),
+      paraxial_bend_((air_to_glass_ - 1.0) / inner_ + (air_to_water_ - air_to_glass_) / outer_) {}
 
 Vec3 DomePort::Axis() const noexcept {
   const double norm = center_.norm();
@@ -92,6 +78,12 @@ bool DomePort::Evaluate(const Plane& plane, double cosine, double sine, Path* pa
   return true;
 }
 
+namespace {
+// Radians, after which the next step, of the order of the cube, is below rounding.
+constexpr double kSettled = 5e-6;
+constexpr double kMaxParaxialSine = 0.8;
+}  // namespace
+
 Projection DomePort::Solve(const Vec3& point, Plane* plane, Path* path) const noexcept {
   if (!IsUsable(point)) return Projection::kNotFinite;
   const Vec3 from_center = point - center_;
@@ -103,11 +95,19 @@ Projection DomePort::Solve(const Vec3& point, Plane* plane, Path* path) const no
   plane->camera_across = -center_ - plane->camera_u * plane->u;
   plane->camera_v = plane->camera_across.norm();
 
-  // Start: the straight line from the camera to the point.
-  double cosine = range - plane->camera_u, sine = -plane->camera_v;
-  const double norm = 1.0 / std::sqrt(cosine * cosine + sine * sine);
-  cosine *= norm;
-  sine *= norm;
+  // Start: the paraxial path, exact where point, camera and centre are in line; where that is no
+  // direction at all, the straight line from the camera to the point.
+  const double k = range * paraxial_bend_ - air_to_water_;
+  double sine = plane->camera_v * k / (range + plane->camera_u * k), cosine;
+  if (std::abs(sine) < kMaxParaxialSine) {
+    cosine = std::sqrt(1.0 - sine * sine);
+  } else {
+    cosine = range - plane->camera_u;
+    sine = -plane->camera_v;
+    const double norm = 1.0 / std::sqrt(cosine * cosine + sine * sine);
+    cosine *= norm;
+    sine *= norm;
+  }
   bool converged = false;
   for (plane->steps = 1; plane->steps <= kMaxFastSteps; ++plane->steps) {
     if (!Evaluate(*plane, cosine, sine, path)) break;
@@ -120,15 +120,15 @@ Projection DomePort::Solve(const Vec3& point, Plane* plane, Path* path) const no
     const double old_cosine = cosine;
     cosine = cosine * turn_cosine - sine * turn_sine;
     sine = sine * turn_cosine + old_cosine * turn_sine;
-    if (std::abs(step) <= 2e-6) {  // the next one is of the order of the cube
+    if (std::abs(step) <= kSettled) {  // the next one is of the order of the cube
       converged = true;
       break;
     }
   }
   if (converged) {
-    // The last step changed the angle by 2e-6 at most: the terms that derivatives need follow to
-    // first order in it, but are wanted in full, so they are taken where the light really goes only
-    // when asked for (MakeFrame).
+    // The last step changed the angle by kSettled at most: the terms that derivatives need follow
+    // to first order in it, but are wanted in full, so they are taken where the light really goes
+    // only when asked for (MakeFrame).
     path->cosine = cosine;
     path->sine = sine;
     return path->turned_cosine > 0.0
@@ -175,36 +175,9 @@ bool DomePort::SolveBracketed(Plane* plane, Path* path) const noexcept {
   return path->turned_cosine > 0.0 && std::abs(path->residual) < 1e-9;
 }
 
-struct DomePort::Frame3 {
-  Vec3 u, v, m;   // in-plane unit vectors and the plane's normal
-  Vec3 turn;      // d direction / d beta
-  double across;  // sine / camera_v, finite on the axis
-  double d_beta_d_camera_u, d_beta_d_camera_v, d_beta_d_range;
-};
-
-DomePort::Frame3 DomePort::MakeFrame(const Plane& plane, const Path& path) const noexcept {
-  Frame3 frame;
-  frame.u = plane.u;
-  // v perpendicular to u to the last digit, however short the vector it comes from.
-  frame.v =
-      plane.camera_v > 0.0 ? Vec3(plane.camera_across / plane.camera_v) : plane.u.unitOrthogonal();
-  frame.v -= plane.u.dot(frame.v) * plane.u;
-  const double norm = frame.v.norm();
-  frame.v = norm > 0.5 ? Vec3(frame.v / norm) : plane.u.unitOrthogonal();
-  if (plane.camera_v > 1e-8 * inner_) {
-    frame.across = path.sine / plane.camera_v;
-  } else {  // point, camera and centre in line: the paraxial limit, good to second order
-    const double k = plane.range * path.bend - air_to_water_;
-    frame.across = k / (plane.range + plane.camera_u * k);
-  }
-  frame.m = frame.u.cross(frame.v);
-  frame.turn = -path.sine * frame.u + path.cosine * frame.v;
-  const double per_b =
-      path.turned_cosine * path.bend - air_to_water_ / plane.range;  // d residual / d b_air
-  frame.d_beta_d_camera_u = -per_b * path.sine / path.slope;
-  frame.d_beta_d_camera_v = per_b * path.cosine / path.slope;
-  frame.d_beta_d_range = -path.b_water / (plane.range * plane.range * path.slope);
-  return frame;
+Vec3 DomePort::Direction(const Plane& plane, const Path& path) noexcept {
+  const double across = plane.camera_v > 0.0 ? path.sine / plane.camera_v : 0.0;
+  return path.cosine * plane.u + across * plane.camera_across;
 }
 
 Projection DomePort::RefractToAir(const Vec3& point, Vec3* direction) const noexcept {
@@ -212,106 +185,82 @@ Projection DomePort::RefractToAir(const Vec3& point, Vec3* direction) const noex
   Path path;
   if (const Projection status = Solve(point, &plane, &path); status != Projection::kOk)
     return status;
-  const double across = plane.camera_v > 0.0 ? path.sine / plane.camera_v : 0.0;
-  *direction = path.cosine * plane.u + across * plane.camera_across;
+  *direction = Direction(plane, path);
   return Projection::kOk;
 }
 
-Projection DomePort::RefractToAir(const Vec3& point, Vec3* direction,
-                                  Mat3* d_direction_d_point) const noexcept {
-  Plane plane;
-  Path path;
-  if (const Projection status = Solve(point, &plane, &path); status != Projection::kOk)
-    return status;
-  if (!Evaluate(plane, path.cosine, path.sine, &path)) return Projection::kTotalInternalReflection;
-  const Frame3 frame = MakeFrame(plane, path);
-  *direction = path.cosine * plane.u + frame.across * plane.camera_across;
-  // Moving the point turns u in the plane by v.dP / R and the plane about its axis by m.dP / R.
-  const double d_beta_d_turn =
-      1.0 + frame.d_beta_d_camera_u * plane.camera_v - frame.d_beta_d_camera_v * plane.camera_u;
-  const Vec3 along = frame.d_beta_d_range * frame.u + (d_beta_d_turn / plane.range) * frame.v;
-  *d_direction_d_point =
-      frame.turn * along.transpose() +
-      ((path.cosine - frame.across * plane.camera_u) / plane.range * frame.m) * frame.m.transpose();
-  return Projection::kOk;
-}
-
-Projection DomePort::RefractToAir(const Vec3& point, Vec3* direction,
-                                  AirJacobian* jacobian) const noexcept {
-  Plane plane;
-  Path path;
-  if (const Projection status = Solve(point, &plane, &path); status != Projection::kOk)
-    return status;
-  if (!Evaluate(plane, path.cosine, path.sine, &path)) return Projection::kTotalInternalReflection;
-  const Frame3 frame = MakeFrame(plane, path);
-  *direction = path.cosine * plane.u + frame.across * plane.camera_across;
-  const double d_beta_d_turn =
-      1.0 + frame.d_beta_d_camera_u * plane.camera_v - frame.d_beta_d_camera_v * plane.camera_u;
-  const Vec3 along = frame.d_beta_d_range * frame.u + (d_beta_d_turn / plane.range) * frame.v;
-  const Mat3 across = frame.m * frame.m.transpose();
-  jacobian->d_direction_d_point =
-      frame.turn * along.transpose() +
-      (path.cosine - frame.across * plane.camera_u) / plane.range * across;
-
-  auto& d_port = jacobian->d_direction_d_port;
-  // Moving the centre moves point and camera the other way, as seen from it: the point's part is
-  // -d_direction_d_point.
-  const Vec3 of_camera = frame.d_beta_d_camera_u * frame.u + frame.d_beta_d_camera_v * frame.v;
-  d_port.leftCols<3>() =
-      -jacobian->d_direction_d_point - frame.turn * of_camera.transpose() - frame.across * across;
-
-  // d residual / d parameter at fixed beta, then d beta = -that / slope. The turns' share comes
-  // with cos of the turned angle.
-  const double c = path.turned_cosine, g = air_to_glass_, w = air_to_water_, b = path.b_air;
-  const double d_inner = (path.b_air * path.i_air - path.b_glass * path.i_glass_in) / inner_;
-  const double d_outer = (path.b_glass * path.i_glass_out - path.b_water * path.i_water) / outer_;
-  const double glass = path.i_glass_in - path.i_glass_out;
-  const double d_air =
-      c * (g * b * glass + w * b * path.i_water) / index_[0] - w * b / (index_[0] * plane.range);
-  const double d_glass = -c * path.b_glass * glass / index_[1];
-  const double d_water =
-      -c * path.b_water * path.i_water / index_[2] + path.b_water / (index_[2] * plane.range);
-  const Vec3 turn = frame.turn / -path.slope;
-  d_port.col(3) = c * (d_inner + d_outer) * turn;
-  d_port.col(4) = c * d_outer * turn;
-  d_port.col(5) = d_air * turn;
-  d_port.col(6) = d_glass * turn;
-  d_port.col(7) = d_water * turn;
+// In the basis of the direction v and the camera's place e as seen from the centre, every crossing
+// point and direction is a sum of two: with b the distance of a stretch's line from the centre, h =
+// sqrt(rho^2 - b^2) on either side of each surface, and a surface's normal its crossing point over
+// rho,
+//   on the inner surface  e + lambda v,               lambda = h_air - e.v
+//   in glass              p v + q e,                  q = (h_in - g h_air) / inner^2, p = g + q
+//   lambda on the outer surface  gamma v + delta e,          (1, 0) times lambda plus mu = h_out -
+//   h_in times (p, q) in water              alpha v + beta e
+// which takes four square roots and no division.
+Projection DomePort::TraceOut(const Vec3& direction, Trace* trace) const noexcept {
+  const double a = -center_.dot(direction);
+  const double bb = std::max(center_squared_ - a * a, 0.0);
+  const double g = air_to_glass_, w = air_to_water_;
+  const double s_air = inner_squared_ - bb, s_in = inner_squared_ - g * g * bb;
+  const double s_out = outer_squared_ - g * g * bb, s_water = outer_squared_ - w * w * bb;
+  if (!(s_air > 0.0))
+    return std::isfinite(s_air) ? Projection::kOutsideDome : Projection::kNotFinite;
+  if (!(s_in > 0.0) || !(s_out > 0.0) || !(s_water > 0.0))
+    return std::isfinite(s_air) ? Projection::kTotalInternalReflection : Projection::kNotFinite;
+  const double h_air = std::sqrt(s_air), h_in = std::sqrt(s_in), h_out = std::sqrt(s_out),
+               h_water = std::sqrt(s_water);
+  trace->a = a;
+  trace->h_air = h_air;
+  trace->h_in = h_in;
+  trace->h_out = h_out;
+  trace->h_water = h_water;
+  trace->lambda = h_air - a;
+  trace->mu = h_out - h_in;
+  trace->q = (h_in - g * h_air) * per_inner_squared_;
+  trace->p = g + trace->q * trace->lambda;
+  trace->gamma = trace->lambda + trace->mu * trace->p;
+  trace->delta = 1.0 + trace->mu * trace->q;
+  const double from_glass = index_[1] / index_[2];
+  trace->k = (h_water - from_glass * h_out) * per_outer_squared_;
+  trace->alpha = from_glass * trace->p + trace->k * trace->gamma;
+  trace->beta = from_glass * trace->q + trace->k * trace->delta;
   return Projection::kOk;
 }
 
 Projection DomePort::RefractToWater(const Vec3& direction, Ray3* ray) const noexcept {
-  // Camera at the origin, inside the inner sphere: the far intersection.
-  const double along = -center_.dot(direction);
-  const double inside = inner_squared_ - center_.squaredNorm();
-  const double discriminant = along * along + inside;
-  if (!(inside > 0.0) || !(discriminant > 0.0)) {
-    return std::isfinite(discriminant) ? Projection::kOutsideDome : Projection::kNotFinite;
-  }
-  const Vec3 on_inner = (std::sqrt(discriminant) - along) * direction;  // in the camera frame
-  const Vec3 inner_normal = (on_inner - center_) / inner_;
-  Vec3 in_glass, in_water;
-  if (!Refract(direction, inner_normal, air_to_glass_, &in_glass))
-    return Projection::kTotalInternalReflection;
-  const double along_glass = inner_ * inner_normal.dot(in_glass);
-  const double path_in_glass =
-      std::sqrt(along_glass * along_glass + outer_squared_ - inner_squared_) - along_glass;
-  const Vec3 on_outer = on_inner + path_in_glass * in_glass;
-  const Vec3 outer_normal = (on_outer - center_) / outer_;
-  if (!Refract(in_glass, outer_normal, index_[1] / index_[2], &in_water))
-    return Projection::kTotalInternalReflection;
-  *ray = {on_outer, in_water};
+  Trace trace;
+  if (const Projection status = TraceOut(direction, &trace); status != Projection::kOk)
+    return status;
+  ray->origin = trace.gamma * direction + (1.0 - trace.delta) * center_;
+  ray->direction = trace.alpha * direction - trace.beta * center_;
   return Projection::kOk;
 }
 
+// The axis is spanned by e: it is met where the parts along v cancel.
+double DomePort::RangeToAxis(const Vec3& direction, const Ray3&) const noexcept {
+  Trace trace;
+  if (TraceOut(direction, &trace) != Projection::kOk)
+    return std::numeric_limits<double>::infinity();
+  return -trace.gamma / trace.alpha;
+}
+
 bool DomePort::RefractToAir(PortBlock* block) const noexcept {
-  const DomeBlockParams params = {.center = {center_.x(), center_.y(), center_.z()},
-                                  .inner = inner_,
-                                  .outer = outer_,
-                                  .air_to_glass = air_to_glass_,
-                                  .air_to_water = air_to_water_};
-  SolveDomeBlock(params, block);
+  SolveDomeBlock(BlockParams(), block);
   return true;
+}
+
+bool DomePort::RefractToWater(RayBlock* block) const noexcept {
+  TraceDomeBlock(BlockParams(), block);
+  return true;
+}
+
+DomeBlockParams DomePort::BlockParams() const noexcept {
+  return {.center = {center_.x(), center_.y(), center_.z()},
+          .inner = inner_,
+          .outer = outer_,
+          .air_to_glass = air_to_glass_,
+          .air_to_water = air_to_water_};
 }
 
 int DomePort::CountSteps(const Vec3& point) const noexcept {

@@ -13,7 +13,6 @@
 #pragma once
 
 #include "rsfm/refraction/port.h"
-#include "rsfm/refraction/port_batch.h"
 
 namespace rsfm {
 
@@ -32,8 +31,13 @@ class DomePort {
                           Mat3* d_direction_d_point) const noexcept;
   Projection RefractToAir(const Vec3& point, Vec3* direction, AirJacobian* jacobian) const noexcept;
   Projection RefractToWater(const Vec3& direction, Ray3* ray) const noexcept;
-  // Settles what it can of a block of points.
+  Projection RefractToWater(const Vec3& direction, Ray3* ray,
+                            WaterJacobian* jacobian) const noexcept;
   bool RefractToAir(PortBlock* block) const noexcept;
+  bool RefractToWater(RayBlock* block) const noexcept;
+  double RangeToAxis(const Vec3& direction, const Ray3& ray) const noexcept;
+  static constexpr bool IsNone() { return false; }
+  int NumOuterLayers() const noexcept { return 0; }
   // The decentring direction; the optical axis for a centred dome.
   Vec3 Axis() const noexcept;
 
@@ -44,9 +48,15 @@ class DomePort {
   struct Plane;   // the point and the camera in the plane of the path
   struct Path;    // the path equation and its derivatives at one angle
   struct Frame3;  // the solved path in space, with what every derivative needs
+  struct Trace;   // the path from the camera outwards
+  struct TraceSlopes;
+  TraceSlopes MakeSlopes(const Trace& trace) const noexcept;
+  Projection TraceOut(const Vec3& direction, Trace* trace) const noexcept;
+  DomeBlockParams BlockParams() const noexcept;
   bool Evaluate(const Plane& plane, double cosine, double sine, Path* path) const noexcept;
   Projection Solve(const Vec3& point, Plane* plane, Path* path) const noexcept;
   bool SolveBracketed(Plane* plane, Path* path) const noexcept;
+  static Vec3 Direction(const Plane& plane, const Path& path) noexcept;
   Frame3 MakeFrame(const Plane& plane, const Path& path) const noexcept;
 
   Vec3 center_;
@@ -54,6 +64,9 @@ class DomePort {
   double index_[3];                     // air, glass, water
   double air_to_glass_, air_to_water_;  // index ratios
   double inner_squared_, outer_squared_;
+  double per_inner_squared_, per_outer_squared_;
+  double center_squared_;
+  double paraxial_bend_;  // how much a ray is turned per distance from the centre, close to it
 };
 
 }  // namespace rsfm

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cmath>
+#include <limits>
 
 #include "rsfm/refraction/port.h"
 
@@ -34,7 +35,30 @@ class NoPort {
     *ray = {Vec3::Zero(), direction};
     return Projection::kOk;
   }
+  Projection RefractToWater(const Vec3& direction, Ray3* ray,
+                            WaterJacobian* jacobian) const noexcept {
+    jacobian->d_origin_d_air.setZero();
+    jacobian->d_direction_d_air.setIdentity();
+    jacobian->d_origin_d_port.setZero();
+    jacobian->d_direction_d_port.setZero();
+    return RefractToWater(direction, ray);
+  }
+  bool RefractToAir(PortBlock*) const noexcept { return false; }
+  bool RefractToWater(RayBlock* block) const noexcept {
+    for (int i = 0; i < kPortBlock; ++i) {
+      block->origin_x[i] = block->origin_y[i] = block->origin_z[i] = 0.0;
+      block->water_x[i] = block->air_x[i];
+      block->water_y[i] = block->air_y[i];
+      block->water_z[i] = block->air_z[i];
+      block->settled[i] = 1.0;
+    }
+    return true;
+  }
+  // All rays leave from the camera's centre, which is on any axis.
+  double RangeToAxis(const Vec3&, const Ray3&) const noexcept { return 0.0; }
   Vec3 Axis() const noexcept { return Vec3::UnitZ(); }
+  static constexpr bool IsNone() { return true; }
+  int NumOuterLayers() const noexcept { return 0; }
 };
 
 }  // namespace rsfm

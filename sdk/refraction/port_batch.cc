@@ -120,4 +120,64 @@ void SolveDomeBlock(const DomeBlockParams& params, PortBlock* block) noexcept {
   }
 }
 
+// FlatPort::RefractToWater.
+RSFM_VECTOR_CLONES
+void TraceFlatBlock(const FlatRayParams& params, RayBlock* block) noexcept {
+  const double nx = params.normal[0], ny = params.normal[1], nz = params.normal[2];
+  const double g = params.to_glass, w = params.to_water, d = params.distance;
+  const double t = params.thickness * g, end = params.distance + params.thickness;
+  for (int i = 0; i < kPortBlock; ++i) {
+    const double cosine = nx * block->air_x[i] + ny * block->air_y[i] + nz * block->air_z[i];
+    const double tx = block->air_x[i] - cosine * nx, ty = block->air_y[i] - cosine * ny,
+                 tz = block->air_z[i] - cosine * nz;
+    const double sine_squared = tx * tx + ty * ty + tz * tz;
+    const double glass = 1.0 - g * g * sine_squared, water = 1.0 - w * w * sine_squared;
+    const double least = std::min(cosine, std::min(glass, water));
+    const double root = std::sqrt(std::max(glass, 1e-30));
+    const double across = (d * root + t * cosine) / (cosine * root);
+    const double along = std::sqrt(std::max(water, 0.0));
+    block->origin_x[i] = across * tx + end * nx;
+    block->origin_y[i] = across * ty + end * ny;
+    block->origin_z[i] = across * tz + end * nz;
+    block->water_x[i] = w * tx + along * nx;
+    block->water_y[i] = w * ty + along * ny;
+    block->water_z[i] = w * tz + along * nz;
+    block->settled[i] = least > 0.0 ? 1.0 : 0.0;
+  }
+}
+
+// DomePort::RefractToWater.
+RSFM_VECTOR_CLONES
+void TraceDomeBlock(const DomeBlockParams& params, RayBlock* block) noexcept {
+  const double cx = params.center[0], cy = params.center[1], cz = params.center[2];
+  const double g = params.air_to_glass, w = params.air_to_water, from_glass = w / g;
+  const double inner2 = params.inner * params.inner, outer2 = params.outer * params.outer;
+  const double per_inner2 = 1.0 / inner2, per_outer2 = 1.0 / outer2;
+  const double distance2 = cx * cx + cy * cy + cz * cz;
+  for (int i = 0; i < kPortBlock; ++i) {
+    const double vx = block->air_x[i], vy = block->air_y[i], vz = block->air_z[i];
+    const double a = -(cx * vx + cy * vy + cz * vz);
+    const double bb = std::max(distance2 - a * a, 0.0);
+    const double s_air = inner2 - bb, s_in = inner2 - g * g * bb, s_out = outer2 - g * g * bb,
+                 s_water = outer2 - w * w * bb;
+    const double least = std::min(std::min(s_air, s_in), std::min(s_out, s_water));
+    const double h_air = std::sqrt(std::max(s_air, 0.0)), h_in = std::sqrt(std::max(s_in, 0.0));
+    const double h_out = std::sqrt(std::max(s_out, 0.0)),
+                 h_water = std::sqrt(std::max(s_water, 0.0));
+    const double lambda = h_air - a, mu = h_out - h_in;
+    const double q = (h_in - g * h_air) * per_inner2, p = g + q * lambda;
+    const double gamma = lambda + mu * p, delta = 1.0 + mu * q;
+    const double k = (h_water - from_glass * h_out) * per_outer2;
+    const double alpha = from_glass * p + k * gamma, beta = from_glass * q + k * delta;
+    const double back = 1.0 - delta;
+    block->origin_x[i] = gamma * vx + back * cx;
+    block->origin_y[i] = gamma * vy + back * cy;
+    block->origin_z[i] = gamma * vz + back * cz;
+    block->water_x[i] = alpha * vx - beta * cx;
+    block->water_y[i] = alpha * vy - beta * cy;
+    block->water_z[i] = alpha * vz - beta * cz;
+    block->settled[i] = least > 0.0 ? 1.0 : 0.0;
+  }
+}
+
 }  // namespace rsfm

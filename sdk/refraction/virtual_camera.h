@@ -21,11 +21,16 @@ struct VirtualCamera {
   }
 };
 
-// Where the ray's line meets the refraction axis. Where the two are parallel or nearly so (a pixel
-// on the axis, a nearly central camera) the intersection is ill-conditioned: then the point of the
-// ray's line nearest to the camera centre is taken, which is on the same line, so the virtual
-// camera still sees the ray exactly. kOutsideLensDomain for rays that do not look forward (z <= 0),
-// for which a perspective camera does not exist.
+// The farthest that a virtual centre may lie behind the surface, over the size of the port.
+inline constexpr double kMaxVirtualReach = 100.0;
+
+// The centre is where the ray's line meets the refraction axis, in closed form: continuous where
+// ray and axis coincide and where the camera is nearly central (the camera's own centre in the
+// limit). A decentred dome may send a ray parallel to its axis, or make them meet ahead of the
+// surface, where no camera can stand; then, and beyond kMaxVirtualReach, the point of the ray's
+// line nearest to the camera centre is taken, which is on the same line, so that the virtual camera
+// still sees the ray exactly. kOutsideLensDomain for rays that do not look forward (z <= 0), for
+// which a perspective camera does not exist.
 Projection ComputeVirtualCamera(const AnyCamera& camera, const Vec2& pixel,
                                 VirtualCamera* result) noexcept;
 

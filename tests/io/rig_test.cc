@@ -265,6 +265,46 @@ TEST(RigTest, AGlassStandsForItsIndex) {
 }
 
 // One wavelength for both; water's own comes first.
+TEST(RigTest, AFlatPortMayHaveLayers) {
+  const std::string single = "thickness_m: 0.007\n  index_air: 1.0\n  index_glass: 1.52";
+  const auto with = [&](const std::string& lines) { return Replaced(kFlat, single, lines); };
+  ASSERT_NE(with(""), kFlat);
+  const auto rig = ParseRig(with("layers:\n    - {thickness_m: 0.01, glass: acrylic}\n"
+                                 "    - {thickness_m: 0.003, index: 1.0}\n"
+                                 "    - {thickness_m: 0.005, index: 1.52}"),
+                            "rig.yaml");
+  ASSERT_TRUE(rig) << ToString(rig.error());
+  const PortConfig& port = rig->camera.port;
+  EXPECT_EQ(port.thickness_m, 0.01);
+  EXPECT_EQ(port.index_glass, *GlassIndex(Glass::kAcrylic, 530.0));
+  ASSERT_EQ(port.outer_layers.size(), 2u);
+  EXPECT_EQ(port.outer_layers[0].thickness_m, 0.003);
+  EXPECT_EQ(port.outer_layers[0].index, 1.0);
+  EXPECT_EQ(port.outer_layers[1].index, 1.52);
+  const auto again = ParseRig(FormatRig(*rig), "again.yaml");
+  ASSERT_TRUE(again) << ToString(again.error());
+  EXPECT_EQ(FormatRig(*again), FormatRig(*rig));
+  EXPECT_EQ(again->camera.port.outer_layers.size(), 2u);
+
+  const auto refused = [&](const std::string& lines, const std::string& field,
+                           const std::string& fix) {
+    const auto bad = ParseRig(with(lines), "rig.yaml");
+    ASSERT_FALSE(bad) << lines;
+    EXPECT_EQ(bad.error().field, field);
+    EXPECT_NE(bad.error().fix.find(fix), std::string::npos) << bad.error().fix;
+  };
+  const std::string layer = "{thickness_m: 0.01, index: 1.5}";
+  refused("layers: []", "port.layers", "one to 4");
+  refused("layers: [" + layer + "," + layer + "," + layer + "," + layer + "," + layer + "]",
+          "port.layers", "one to 4");
+  refused("layers: [" + layer + "]\n  thickness_m: 0.01", "port.thickness_m", "into a layer");
+  refused("layers: [" + layer + ", {thickness_m: -1, index: 1.5}]", "port.layers[1].thickness_m",
+          "metres");
+  refused("layers: [{thickness_m: 0.1, index: 0.5}]", "port.layers[0].index", "from 1");
+  refused("layers: [{index: 1.5}]", "port.layers[0].thickness_m", "");
+  refused("layers: [{thickness_m: 0.1, glass: granite}]", "port.layers[0].glass", "BK7");
+}
+
 TEST(RigTest, TheWavelengthIsThatOfGlassAndWater) {
   const auto index = [](const char* water) {
     const std::string text = Replaced(Replaced(kFlat, "index_glass: 1.52", "wavelength_nm: 450"),

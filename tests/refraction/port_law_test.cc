@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "rsfm/refraction/any_camera.h"
+#include "rsfm/refraction/snell.h"
 #include "tests/support/malloc_trap.h"
 #include "tests/support/rigs.h"
 
@@ -14,14 +15,19 @@ namespace {
 
 // Within the paper's bounds, or (wild) up to the edges of what a camera file may say.
 PortConfig RandomPort(RigKind kind, bool wild, Rng* rng) {
-  PortConfig port = kind == RigKind::kFlat   ? RandomFlatPort(rng)
-                    : kind == RigKind::kDome ? RandomDomePort(rng)
-                                             : CentredDomePort();
+  PortConfig port = kind == RigKind::kFlat      ? RandomFlatPort(rng)
+                    : kind == RigKind::kDome    ? RandomDomePort(rng)
+                    : kind == RigKind::kLayered ? RandomLayeredPort(rng)
+                                                : CentredDomePort();
   if (!wild) return port;
   port.index_glass = rng->Uniform(1.3, 2.4);
   port.index_water = rng->Uniform(1.0, 1.5);
   port.thickness_m = std::pow(10.0, rng->Uniform(-9.0, 0.0));
-  if (kind == RigKind::kFlat) {
+  for (PortLayer& layer : port.outer_layers) {
+    layer.thickness_m = std::pow(10.0, rng->Uniform(-9.0, 0.0));
+    layer.index = rng->Index(3) == 0 ? 1.0 : rng->Uniform(1.0, 2.4);
+  }
+  if (kind == RigKind::kFlat || kind == RigKind::kLayered) {
     port.normal = Vec3(rng->Uniform(-0.6, 0.6), rng->Uniform(-0.6, 0.6), 1.0).normalized();
     port.distance_m = rng->Index(5) == 0 ? 0.0 : std::pow(10.0, rng->Uniform(-9.0, 0.0));
   } else if (kind == RigKind::kDome) {
@@ -58,7 +64,8 @@ class PortLaw : public ::testing::TestWithParam<RigKind> {
   }
 };
 INSTANTIATE_TEST_SUITE_P(Ports, PortLaw,
-                         ::testing::Values(RigKind::kFlat, RigKind::kDome, RigKind::kCentredDome));
+                         ::testing::Values(RigKind::kFlat, RigKind::kDome, RigKind::kCentredDome,
+                                           RigKind::kLayered));
 
 TEST_P(PortLaw, ProjectInvertsBackproject) {
   int count = 0;
@@ -81,6 +88,7 @@ TEST_P(PortLaw, EqualIndicesAreNoPort) {
   for (int rig = 0; rig < 100; ++rig) {
     PortConfig port = RandomPort(GetParam(), rig % 2 == 1, &rng);
     port.index_glass = port.index_water = port.index_air;
+    for (PortLayer& layer : port.outer_layers) layer.index = port.index_air;
     const AnyCamera camera = CameraBehind(port), bare = CameraBehind(PortConfig{});
     const Vec2 pixel = RandomPixel(&rng);
     Ray3 ray, bare_ray;
@@ -121,19 +129,40 @@ TEST_P(PortLaw, PathIsStationaryInOpticalLength) {
       const double radius = port.radius_m + offset, b = c.dot(v);
       return from + v * (std::sqrt(b * b - c.squaredNorm() + radius * radius) - b);
     };
-    const Vec3 inner = meet(Vec3::Zero(), in_air, 0.0), outer = ray.origin;
-    const auto length = [&](const Vec3& a, const Vec3& b) {
-      return port.index_air * a.norm() + port.index_glass * (b - a).norm() +
-             port.index_water * (target - b).norm();
+    // Through the point where each layer ends; the first surface lies at offset zero.
+    std::vector<double> offsets{0.0, port.thickness_m}, indices{port.index_air, port.index_glass};
+    for (const PortLayer& layer : port.outer_layers) {
+      offsets.push_back(offsets.back() + layer.thickness_m);
+      indices.push_back(layer.index);
+    }
+    indices.push_back(port.index_water);
+    const auto length = [&](const std::vector<Vec3>& crossings) {
+      double sum = 0.0;
+      Vec3 from = Vec3::Zero();
+      for (std::size_t i = 0; i < crossings.size(); ++i) {
+        sum += indices[i] * (crossings[i] - from).norm();
+        from = crossings[i];
+      }
+      return sum + indices.back() * (target - from).norm();
     };
-    const double here = length(inner, outer);
-    const double h = 1e-6;
-    for (int k = 0; k < 3; ++k) {
-      const Vec3 step = h * Vec3::Unit(k);
-      const Vec3 inner_moved = meet(Vec3::Zero(), (inner + step).normalized(), 0.0);
-      const Vec3 outer_moved = meet(Vec3::Zero(), (outer + step).normalized(), port.thickness_m);
-      EXPECT_LT(std::abs(length(inner_moved, outer) - here), 1e3 * h * h);
-      EXPECT_LT(std::abs(length(inner, outer_moved) - here), 1e3 * h * h);
+    std::vector<Vec3> crossings;
+    Vec3 direction = in_air, from = Vec3::Zero();
+    for (std::size_t i = 0; i < offsets.size(); ++i) {
+      from = meet(from, direction, offsets[i]);
+      crossings.push_back(from);
+      const Vec3 normal =
+          port.type == PortType::kFlat ? port.normal : (from - port.center_m).normalized();
+      ASSERT_TRUE(Refract(direction, normal, indices[i] / indices[i + 1], &direction));
+    }
+    EXPECT_LT((crossings.back() - ray.origin).norm(), 1e-13);
+    EXPECT_LT((direction - ray.direction).norm(), 1e-13);
+    const double here = length(crossings), h = 1e-8;
+    for (std::size_t i = 0; i < crossings.size(); ++i) {
+      for (int k = 0; k < 3; ++k) {
+        std::vector<Vec3> moved = crossings;
+        moved[i] = meet(Vec3::Zero(), (crossings[i] + h * Vec3::Unit(k)).normalized(), offsets[i]);
+        EXPECT_LT(std::abs(length(moved) - here), 1e5 * h * h);
+      }
     }
   }
 }
@@ -216,6 +245,7 @@ TEST_P(PortLaw, JacobiansMatchCentralDifferences) {
           moved.port.index_air = (config.port.index_air + h) * 1.1;
           moved.port.index_glass *= 1.1;
           moved.port.index_water *= 1.1;
+          for (PortLayer& layer : moved.port.outer_layers) layer.index *= 1.1;
         }
         Vec2 out;
         const auto moved_camera = AnyCamera::Create(moved);
@@ -226,6 +256,26 @@ TEST_P(PortLaw, JacobiansMatchCentralDifferences) {
       EXPECT_LT((jacobian.d_pixel_d_port.col(k) - numeric).norm(), 2e-6 * (1.0 + numeric.norm()))
           << "port parameter " << k;
     }
+    const int used = 2 * static_cast<int>(config.port.outer_layers.size());
+    for (int k = 0; k < used; ++k) {
+      const Vec2 numeric = difference(k % 2 == 0 ? 1e-5 : 1e-4, [&](double h) {
+        CameraConfig moved = config;
+        PortLayer& layer = moved.port.outer_layers[k / 2];
+        (k % 2 == 0 ? layer.thickness_m : layer.index) += h;
+        if (layer.index < 1.0) {  // refused: scale them all
+          moved.port.index_air *= 1.1;
+          moved.port.index_glass *= 1.1;
+          moved.port.index_water *= 1.1;
+          for (PortLayer& other : moved.port.outer_layers) other.index *= 1.1;
+        }
+        Vec2 out;
+        EXPECT_EQ(AnyCamera::Create(moved)->Project(point, &out), Projection::kOk);
+        return out;
+      });
+      EXPECT_LT((jacobian.d_pixel_d_layers.col(k) - numeric).norm(), 2e-6 * (1.0 + numeric.norm()))
+          << "layer parameter " << k;
+    }
+    EXPECT_TRUE(jacobian.d_pixel_d_layers.rightCols(kNumOuterLayerParams - used).isZero());
   }
 }
 
@@ -317,6 +367,41 @@ TEST_P(PortLaw, BatchesAgreeWithSinglePoints) {
           << i << " " << points[i].transpose();
       ASSERT_LT((pixels[i] - pixel).norm(), 1e-9 * (1.0 + 1e-3 * pixel.norm()))
           << i << " " << points[i].transpose();
+    }
+  }
+}
+
+TEST_P(PortLaw, BatchesOfBackprojectionsAgreeWithSingleOnes) {
+  Rng rng(29);
+  for (const LensModel model : {LensModel::kPinhole, LensModel::kOpenCV, LensModel::kOpenCVFisheye,
+                                LensModel::kFov, LensModel::kThinPrismFisheye}) {
+    for (int rig = 0; rig < 20; ++rig) {
+      CameraConfig config = PaperLens();
+      config.lens = model;
+      config.lens_params.TryResize(NumLensParams(model));
+      for (std::size_t k = 4; k < config.lens_params.size(); ++k)
+        config.lens_params[k] = model == LensModel::kFov ? 0.6 : rng.Uniform(-0.02, 0.02);
+      config.port = RandomPort(GetParam(), rig % 2 == 1, &rng);
+      const AnyCamera camera = *AnyCamera::Create(config);
+      std::vector<Vec2> pixels;
+      for (int i = 0; i < 150; ++i)
+        pixels.push_back((i % 10 == 0 ? 30.0 : 1.5) * (RandomPixel(&rng) - Vec2(960, 540)) +
+                         Vec2(960, 540));
+      pixels[3].x() = std::nan("");
+      const Ray3 untouched{Vec3(-7, -7, -7), Vec3(-7, -7, -7)};
+      std::vector<Ray3> rays(pixels.size(), untouched);
+      std::vector<Projection> statuses(pixels.size());
+      camera.Backproject(pixels, rays, statuses);
+      for (std::size_t i = 0; i < pixels.size(); ++i) {
+        Ray3 ray = untouched;
+        ASSERT_EQ(statuses[i], camera.Backproject(pixels[i], &ray)) << pixels[i].transpose();
+        ASSERT_LT((rays[i].origin - ray.origin).norm(), 1e-12 * (1.0 + ray.origin.norm()));
+        // Near the critical angle the root magnifies rounding.
+        ASSERT_LT((rays[i].direction - ray.direction).norm(), 1e-7);
+        if (ray.direction.dot(camera.RefractionAxis()) > 0.1) {
+          ASSERT_LT((rays[i].direction - ray.direction).norm(), 1e-13);
+        }
+      }
     }
   }
 }

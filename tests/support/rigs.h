@@ -50,7 +50,18 @@ inline PortConfig CentredDomePort() {
   return port;
 }
 
-enum class RigKind { kNone, kFlat, kDome, kCentredDome };
+// Acrylic, a gap of air and glass: a housing's window behind a tank's.
+inline PortConfig RandomLayeredPort(Rng* rng) {
+  PortConfig port = RandomFlatPort(rng);
+  port.thickness_m = rng->Uniform(0.002, 0.02);
+  port.index_glass = 1.49;
+  port.outer_layers = {{.thickness_m = rng->Uniform(0.001, 0.02), .index = 1.0},
+                       {.thickness_m = rng->Uniform(0.0001, 0.001), .index = 1.4},
+                       {.thickness_m = rng->Uniform(0.002, 0.02), .index = 1.52}};
+  return port;
+}
+
+enum class RigKind { kNone, kFlat, kDome, kCentredDome, kLayered };
 
 // A camera of the paper's evaluation behind a random port of the given kind.
 inline AnyCamera RandomRig(RigKind kind, Rng* rng) {
@@ -66,6 +77,9 @@ inline AnyCamera RandomRig(RigKind kind, Rng* rng) {
       break;
     case RigKind::kCentredDome:
       config.port = CentredDomePort();
+      break;
+    case RigKind::kLayered:
+      config.port = RandomLayeredPort(rng);
       break;
   }
   return *AnyCamera::Create(config);
