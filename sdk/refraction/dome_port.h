@@ -8,8 +8,8 @@
 // camera's ray at angle beta arrives where it should when
 //   R sin(beta + turns(beta)) = b_water(beta),   R the point's distance from the centre:
 // one equation in one unknown, without a singularity for a centred camera or a point on the axis.
-// Turns are added as unit complex numbers, four square roots an evaluation; Halley's method needs
-// two to four. See docs/refraction.md.
+// Turns are added as unit complex numbers, four square roots an evaluation; Halley's method from the
+// paraxial path needs two. See docs/refraction.md.
 #pragma once
 
 #include "rsfm/refraction/port.h"

@@ -7,7 +7,7 @@
 // sin(theta_k)   [Agrawal 2012, CVPR, sec. 4; She 2024]. Solved for u = tan(theta) in the medium of
 // the lowest index: there the left side is a concave, increasing function of u, however many layers
 // there are, so that Newton from below is monotone and cannot leave the branch. Halley's steps from
-// the paraxial image need two or three evaluations; see docs/refraction.md.
+// the paraxial image need two evaluations; see docs/refraction.md.
 #pragma once
 
 #include "rsfm/refraction/port.h"

@@ -47,18 +47,19 @@ void SolveFlatBlock(const FlatBlockParams& params, PortBlock* block) noexcept {
     block->direction_x[i] = cosine * nx + scale * ox;
     block->direction_y[i] = cosine * ny + scale * oy;
     block->direction_z[i] = cosine * nz + scale * oz;
-    block->settled[i] = (regular & (u > 0.0) & (std::abs(change) <= 1e-6 * u)) ? 1.0 : 0.0;
+    block->settled[i] = (regular & (u > 0.0) & (std::abs(change) <= 5e-6 * u)) ? 1.0 : 0.0;
   }
 }
 
 // The steps of DomePort::Evaluate and Solve; see there for the equations.
 RSFM_VECTOR_CLONES
 void SolveDomeBlock(const DomeBlockParams& params, PortBlock* block) noexcept {
-  constexpr int kSteps = 4;
+  constexpr int kSteps = 2;  // what usual rigs take
   const double cx = params.center[0], cy = params.center[1], cz = params.center[2];
   const double g = params.air_to_glass, w = params.air_to_water;
   const double inner2 = params.inner * params.inner, outer2 = params.outer * params.outer;
   const double scale = 1.0 / (inner2 * outer2);
+  const double paraxial_bend = (g - 1.0) / params.inner + (w - g) / params.outer;
   for (int i = 0; i < kPortBlock; ++i) {
     const double px = block->x[i] - cx, py = block->y[i] - cy, pz = block->z[i] - cz;
     const double range = std::sqrt(px * px + py * py + pz * pz);
@@ -67,12 +68,14 @@ void SolveDomeBlock(const DomeBlockParams& params, PortBlock* block) noexcept {
     const double camera_u = -(cx * ux + cy * uy + cz * uz);
     const double ax = -cx - camera_u * ux, ay = -cy - camera_u * uy, az = -cz - camera_u * uz;
     const double camera_v = std::sqrt(ax * ax + ay * ay + az * az);
-    const double along = range - camera_u;
-    const double norm = 1.0 / std::sqrt(along * along + camera_v * camera_v);
-    double cosine = along * norm, sine = -camera_v * norm;
+    // The paraxial start.
+    const double k = range * paraxial_bend - w;
+    const double start = camera_v * k / (range + camera_u * k);
+    const bool near_axis = std::abs(start) < 0.8;
+    double sine = near_axis ? start : 0.0, cosine = std::sqrt(1.0 - sine * sine);
     double step_size = 1.0, turned_cosine = 0.0;
-    double regular = (range > params.outer) & (range < 1e20) ? 1.0 : 0.0;
-#pragma GCC unroll 4  // an inner loop would keep the outer one from being vectorised
+    double regular = (range > params.outer) & (range < 1e20) & near_axis ? 1.0 : 0.0;
+#pragma GCC unroll 2  // an inner loop would keep the outer one from being vectorised
     for (int step = 0; step < kSteps; ++step) {
       const double b = camera_u * sine - camera_v * cosine,
                    d_b = camera_u * cosine + camera_v * sine;
@@ -116,7 +119,7 @@ void SolveDomeBlock(const DomeBlockParams& params, PortBlock* block) noexcept {
     block->direction_x[i] = cosine * ux + across * ax;
     block->direction_y[i] = cosine * uy + across * ay;
     block->direction_z[i] = cosine * uz + across * az;
-    block->settled[i] = (std::abs(step_size) <= 2e-6) & (turned_cosine > 0.0) ? regular : 0.0;
+    block->settled[i] = (std::abs(step_size) <= 5e-6) & (turned_cosine > 0.0) ? regular : 0.0;
   }
 }
 

@@ -69,10 +69,10 @@ TEST(FlatPortSolver, StepsAreBoundedAndTheTracedRayMeetsThePoint) {
     ASSERT_LT(ray.Distance(point), 1e-8 * (point - ray.origin).norm() + 1e-12) << i;
   }
   EXPECT_GT(solved, 50'000);
-  EXPECT_LT(most, FlatPort::kMaxSteps) << "the bound was reached";
+  EXPECT_LE(most, 16);  // of kMaxSteps; docs/refraction.md has what was measured
 }
 
-TEST(FlatPortSolver, UsualRigsTakeTwoOrThreeSteps) {
+TEST(FlatPortSolver, UsualRigsTakeTwoSteps) {
   Rng rng(32);
   double sum = 0;
   int most = 0;
@@ -87,8 +87,8 @@ TEST(FlatPortSolver, UsualRigsTakeTwoOrThreeSteps) {
     sum += steps;
     most = std::max(most, steps);
   }
-  EXPECT_LT(sum / n, 3.0);
-  EXPECT_LE(most, 5);
+  EXPECT_LT(sum / n, 2.2);
+  EXPECT_LE(most, 3);
 }
 
 TEST(DomePortSolver, StepsAreBoundedAndTheTracedRayMeetsThePoint) {
@@ -111,10 +111,11 @@ TEST(DomePortSolver, StepsAreBoundedAndTheTracedRayMeetsThePoint) {
     ASSERT_LT(ray.Distance(point), 1e-7 * (point - ray.origin).norm() + 1e-9) << i;
   }
   EXPECT_GT(solved, 50'000);
-  EXPECT_LE(most, DomePort::kMaxFastSteps + DomePort::kMaxBracketSteps);
+  EXPECT_LE(most,
+            75);  // of kMaxFastSteps + kMaxBracketSteps; docs/refraction.md has what was measured
 }
 
-TEST(DomePortSolver, UsualRigsTakeAtMostFiveSteps) {
+TEST(DomePortSolver, UsualRigsTakeTwoSteps) {
   Rng rng(34);
   double sum = 0;
   int most = 0;
@@ -129,8 +130,8 @@ TEST(DomePortSolver, UsualRigsTakeAtMostFiveSteps) {
     sum += steps;
     most = std::max(most, steps);
   }
-  EXPECT_LT(sum / n, 4.0);
-  EXPECT_LE(most, 6);
+  EXPECT_LT(sum / n, 2.2);
+  EXPECT_LE(most, 3);
 }
 
 // With air the thinnest medium, every point of the water is seen; the reference says so by geometry
