@@ -7,10 +7,14 @@
 #include <string>
 #include <vector>
 
+#include "rsfm/io/atomic_output.h"
 #include "rsfm/io/rig.h"
+#include "rsfm/io/text.h"
 #include "rsfm/mapping/incremental_mapper.h"
 #include "rsfm/refraction/any_camera.h"
 #include "rsfm/refraction/best_fit.h"
+#include "tools/check/heat_map.h"
+#include "tools/check/transect.h"
 #include "tools/common/exit.h"
 
 namespace rsfm {
@@ -96,6 +100,90 @@ void PrintBestFit(const AnyCamera& camera) {
   }
 }
 
+// "1:8"
+bool ParseRange(const std::string& text, RangeBand* band) {
+  const std::vector<std::string_view> parts = SplitAt(text, ':');
+  if (parts.size() != 2) return false;
+  const auto near = ParseNumber(parts[0]), far = ParseNumber(parts[1]);
+  if (!near || !far || !(*near > 0.0) || !(*far >= *near) || !(*far <= 1e4)) return false;
+  *band = {*near, *far};
+  return true;
+}
+
+// The transect is flown in the middle of the band, by ratio.
+double TransectAltitude(const RangeBand& band) { return std::sqrt(band.near_m * band.far_m); }
+
+std::string Verdict(const AnyCamera& camera, const RefractionEffect& effect, double sagitta_m) {
+  constexpr double kInvisiblePx = 0.1, kVisiblePx = 0.5;       // a feature is found to 0.2 to 1 px
+  constexpr double kInvisibleBowl = 0.01, kVisibleBowl = 0.1;  // m in 50 m
+  const double bowl = std::abs(sagitta_m);
+  if (camera.config().port.type == PortType::kNone)
+    return "no port, no refraction: the lens is all there is";
+  if (effect.max_px < kInvisiblePx && bowl < kInvisibleBowl)
+    return "refraction does not matter: a pinhole fitted in water does for this rig";
+  if (effect.mean_px < kVisiblePx && bowl < kVisibleBowl)
+    return "refraction matters little: model the port where long lines must stay straight";
+  return "refraction matters: this rig is not a pinhole, model the port";
+}
+
+void PrintEffect(const RefractionEffect& effect) {
+  std::printf(
+      "as a pinhole  from %g to %g m, behind the lens's own distortion: fx %.2f fy %.2f cx %.2f "
+      "cy %.2f px\n",
+      effect.band.near_m, effect.band.far_m, effect.fit.fx, effect.fit.fy, effect.fit.cx,
+      effect.fit.cy);
+  std::printf("  error       %.3f px mean, %.3f px at most\n", effect.mean_px, effect.max_px);
+  for (const RangeEffect& at : effect.ranges) {
+    std::printf("    %6.2f m  %.3f px mean, %.3f px at most; lengths measured %+.3f %%\n",
+                at.range_m, at.mean_px, at.max_px, 100.0 * at.length_bias);
+  }
+  std::printf(
+      "not central   rays miss the point nearest to all of them, (%.2f, %.2f, %.2f) mm, by %.3f mm "
+      "mean, %.3f mm at most\n",
+      1e3 * effect.nearest_center_m.x(), 1e3 * effect.nearest_center_m.y(),
+      1e3 * effect.nearest_center_m.z(), 1e3 * effect.mean_miss_m, 1e3 * effect.max_miss_m);
+}
+
+IoStatus WriteHeatMap(const AnyCamera& camera, const RefractionEffect& effect,
+                      const CheckOptions& options, const std::string& verdict) {
+  const Vec2 size = HeatMapSize(camera);
+  SvgCanvas canvas(size.x(), size.y());
+  DrawHeatMap(camera, effect, "Does refraction matter for " + options.rig + "?", verdict, &canvas);
+  return WriteFileAtomically(options.svg, canvas.Finish());
+}
+
+// What it would cost to take the rig for a pinhole.
+int PrintRefraction(const AnyCamera& camera, const RangeBand& band, const CheckOptions& options) {
+  const auto pinhole = PinholeInWater::Fit(camera, band);
+  if (!pinhole) {
+    return Report({pinhole.error().code, options.rig, "camera",
+                   "sees too little that looks forward to be compared with a pinhole",
+                   "leave --range out: such a camera is none"});
+  }
+  const RefractionEffect effect = MeasureEffect(*pinhole, band);
+  PrintEffect(effect);
+  TransectOptions transect_options;
+  transect_options.altitude_m = TransectAltitude(band);
+  const auto transect = SimulateTransect(*pinhole, transect_options);
+  if (!transect) {
+    return Report({transect.error().code, options.rig, transect.error().where,
+                   "is too little to simulate a transect with", "give another --range"});
+  }
+  std::printf(
+      "a transect    of %g m at %.2f m above a flat seabed, reconstructed as a pinhole's: %s of "
+      "%.3f m in its middle\n              (%d images, %d points, %.3f px left in the "
+      "images%s)\n",
+      transect_options.length_m, transect_options.altitude_m,
+      transect->sagitta_m >= 0.0 ? "a bowl" : "a hump", std::abs(transect->sagitta_m),
+      transect->num_images, transect->num_points, transect->mean_error_px,
+      transect->converged ? "" : "; the adjustment did not settle, the bowl is a lower bound");
+  const std::string verdict = Verdict(camera, effect, transect->sagitta_m);
+  std::printf("verdict       %s\n", verdict.c_str());
+  if (options.svg.empty()) return 0;
+  const IoStatus written = WriteHeatMap(camera, effect, options, verdict);
+  return written ? 0 : Report(written.error());
+}
+
 // What the on-board mapper takes from the heap when it is made; it takes nothing later, OpenCV's
 // buffers excepted.
 int PrintMemory(const Rig& rig, const AnyCamera& camera, const std::string& file) {
@@ -120,10 +208,20 @@ int PrintMemory(const Rig& rig, const AnyCamera& camera, const std::string& file
 CLI::App* DeclareCheck(CLI::App& app, CheckOptions* options) {
   CLI::App* verb = app.add_subcommand("check", "Check a rig or camera file and describe it");
   verb->add_option("rig", options->rig, "rig.yaml or a camera file")->required();
+  CLI::Option* range =
+      verb->add_option("--range", options->range,
+                       "NEAR:FAR in metres, the working distances: does refraction matter there?");
+  verb->add_option("--svg", options->svg, "write the error over the image as a picture")
+      ->needs(range);
   return verb;
 }
 
 int RunCheck(const CheckOptions& options) {
+  RangeBand band;
+  if (!options.range.empty() && !ParseRange(options.range, &band)) {
+    return Report({Errc::kInvalidArgument, "", "--range", Quoted(options.range) + " is no band",
+                   "give metres, near before far: --range 1:8"});
+  }
   std::vector<Diagnostic> problems;
   const auto rig = ReadRig(options.rig, &problems);
   for (const Diagnostic& problem : problems) Report(problem);
@@ -136,7 +234,10 @@ int RunCheck(const CheckOptions& options) {
   std::printf("%s is a good rig file\n", options.rig.c_str());
   PrintCamera(*camera);
   PrintPort(rig->camera.port);
-  PrintBestFit(*camera);
+  if (options.range.empty()) PrintBestFit(*camera);
+  if (!options.range.empty()) {
+    if (const int code = PrintRefraction(*camera, band, options); code != 0) return code;
+  }
   if (const int code = PrintMemory(*rig, *camera, options.rig); code != 0) return code;
   return FinishStdout();
 }

@@ -1,4 +1,5 @@
-// What is wrong with a rig file; what the camera in it is like; what the on-board mapper will take.
+// What is wrong with a rig file; what the camera in it is like; whether refraction matters for it;
+// what the on-board mapper will take.
 #pragma once
 
 #include <CLI/CLI.hpp>
@@ -8,6 +9,8 @@ namespace rsfm {
 
 struct CheckOptions {
   std::string rig;
+  std::string range;  // NEAR:FAR, m; empty: refraction is not judged
+  std::string svg;    // file for the picture; empty: none
 };
 
 CLI::App* DeclareCheck(CLI::App& app, CheckOptions* options);

@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "rsfm/io/atomic_output.h"
+#include "rsfm/io/calibmar.h"
 #include "rsfm/io/mission.h"
 #include "rsfm/io/model.h"
 #include "rsfm/io/trajectory.h"
@@ -48,6 +49,10 @@ IoStatus Write(const Input& input, const ExportOptions& options) {
   if (format == "colmap-underwater") {
     return WriteModel(input.model, out, ModelFormat::kColmapUnderwater);
   }
+  if (format == "colmap-underwater-bin") {
+    return WriteModel(input.model, out, ModelFormat::kColmapUnderwaterBinary);
+  }
+  if (format == "calibmar") return WriteFileAtomically(out, FormatCalibmar(input.model.rig.camera));
   if (format == "ply") return WriteFileAtomically(out, FormatPly(input.model, input.trajectory));
   if (format == "tum") return WriteFileAtomically(out, FormatTum(input.trajectory));
   auto text = format == "kml" ? FormatKml(input.trajectory, input.model.rig.world, name)
@@ -66,12 +71,13 @@ CLI::App* DeclareExport(CLI::App& app, ExportOptions* options) {
   CLI::App* verb = app.add_subcommand(
       "export", "Write a model or a mission's on-board result for other programs");
   verb->add_option("input", options->input, "model or mission folder")->required();
-  verb->add_option("--format", options->format,
-                   "colmap-* write a folder, the others a file; kml and geojson need a world on "
-                   "earth")
+  verb->add_option(
+          "--format", options->format,
+          "colmap-* write a folder, the others a file; calibmar is the camera alone; kml and "
+          "geojson need a world on earth")
       ->required()
-      ->check(CLI::IsMember(
-          {"colmap-txt", "colmap-bin", "colmap-underwater", "ply", "tum", "kml", "geojson"}));
+      ->check(CLI::IsMember({"colmap-txt", "colmap-bin", "colmap-underwater",
+                             "colmap-underwater-bin", "calibmar", "ply", "tum", "kml", "geojson"}));
   verb->add_option("--out", options->out, "folder or file to write")->required();
   return verb;
 }
