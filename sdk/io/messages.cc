@@ -149,6 +149,7 @@ RSFM_INSTANTIATE(landmarks_t);
 RSFM_INSTANTIATE(nav_t);
 RSFM_INSTANTIATE(pose_t);
 RSFM_INSTANTIATE(status_t);
+RSFM_INSTANTIATE(water_t);
 #undef RSFM_INSTANTIATE
 
 }  // namespace rsfm

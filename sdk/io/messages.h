@@ -18,6 +18,7 @@
 #include "rsfm/nav_t.hpp"
 #include "rsfm/pose_t.hpp"
 #include "rsfm/status_t.hpp"
+#include "rsfm/water_t.hpp"
 
 namespace rsfm {
 

@@ -23,6 +23,8 @@ class MissionBuilder {
       Append(event, &mission_->poses);
     } else if (event.channel == bus.status_channel) {
       Append(event, &mission_->statuses);
+    } else if (event.channel == bus.water_channel) {
+      Append(event, &mission_->waters);
     } else if (event.channel == bus.keyframe_channel) {
       AddKeyframe(event);
     } else if (event.channel == bus.landmarks_channel) {
@@ -145,6 +147,16 @@ IoStatus MissionWriter::LinkImages(const fs::path& images_folder) {
   fs::create_directory_symlink(fs::absolute(images_folder), link, error);
   if (error) return Fail(FromErrno(error.value(), link.string(), "link the images"));
   return {};
+}
+
+double Mission::IndexWaterAt(Utime utime) const {
+  double index = rig.camera.port.index_water;
+  for (const water_t& water : waters) {
+    // No index that cannot be: what is damaged is not believed.
+    if (water.utime <= utime && water.index_water >= 1.0 && water.index_water <= 4.0)
+      index = water.index_water;
+  }
+  return index;
 }
 
 fs::path Mission::ImagesFolder() const {

@@ -83,11 +83,15 @@ struct Mission {
   std::vector<keyframe_t> keyframes;  // one per id: the last word on each, sorted by id
   std::map<std::int32_t, MissionLandmark> landmarks;  // the last word on each
   std::vector<status_t> statuses;
+  std::vector<water_t>
+      waters;  // in the order of the log; none from a mapper that says nothing of it
   EventLogStatistics log;
   std::optional<Geodetic> origin;     // of NED: the rig's, or else the first fix's
   std::int64_t num_malformed = 0;     // events on our channels that are not what the channel says
   std::int64_t num_nav_rejected = 0;  // not finite, or without a usable field
 
+  // The index of water that the mapper had for an image of that time: the rig's where it says none.
+  double IndexWaterAt(Utime utime) const;
   // Where the images are, or empty.
   std::filesystem::path ImagesFolder() const;
 };

@@ -208,6 +208,17 @@ void ReadMapper(const YAML::Node& node, const std::string& file, std::vector<Dia
   }
 }
 
+// The light that water measured during the mission is judged by: what the port says of it.
+void ReadWavelength(const YAML::Node& port, MapperOptions* mapper) {
+  for (const YAML::Node& node : {port, YAML::Node(port["water"])}) {
+    if (!node || !node.IsMap() || !node["wavelength_nm"] || !node["wavelength_nm"].IsScalar())
+      continue;
+    const auto value = ParseNumber(node["wavelength_nm"].Scalar());
+    // ReadPortSection has said what is wrong with any other.
+    if (value && *value >= 400.0 && *value <= 700.0) mapper->light_wavelength_nm = *value;
+  }
+}
+
 void ReadRigSections(const YAML::Node& root, const std::string& file,
                      std::vector<Diagnostic>* problems, Rig* rig) {
   YamlMap map(root, "", file, problems);
@@ -216,6 +227,7 @@ void ReadRigSections(const YAML::Node& root, const std::string& file,
   }
   if (const YAML::Node node = map.GetMap("port", Need::kRequired)) {
     ReadPortSection(node, file, problems, &rig->camera.port);
+    ReadWavelength(node, &rig->mapper);
   }
   if (const YAML::Node node = map.GetMap("body_from_camera", Need::kOptional)) {
     ReadBodyFromCamera(node, file, problems, &rig->body_from_camera);

@@ -64,6 +64,7 @@ struct BusOptions {
   std::string status_channel = "RSFM_STATUS";
   std::string keyframe_channel = "RSFM_KEYFRAME";
   std::string landmarks_channel = "RSFM_LANDMARKS";
+  std::string water_channel = "RSFM_WATER";
 };
 
 struct Rig {

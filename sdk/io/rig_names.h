@@ -23,6 +23,7 @@ void ForEachOutputChannel(Bus& bus, F&& f) {
   f("status_channel", bus.status_channel);
   f("keyframe_channel", bus.keyframe_channel);
   f("landmarks_channel", bus.landmarks_channel);
+  f("water_channel", bus.water_channel);
 }
 
 }  // namespace rsfm

@@ -37,6 +37,9 @@ class FramePlacer {
   // The only place that allocates.
   FramePlacer(const MapperOptions& options, const AnyCamera& camera);
 
+  // The same camera in other water; allocates nothing.
+  void SetCamera(const AnyCamera& camera) noexcept { camera_ = camera; }
+
   // Matches the frame with each of these keyframes; the result stays until the next call.
   void MatchWith(const Map& map, const FrameView& frame, std::span<const SlotId> keyframes);
   std::span<const KeyframeMatches> matches() const { return keyframe_matches_.span(); }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "rsfm/refraction/sea_water.h"
+
 namespace rsfm {
 namespace {
 
@@ -47,7 +49,9 @@ IncrementalMapper::IncrementalMapper(const MapperOptions& options, const AnyCame
       initialiser_(options, camera),
       grower_(options, camera),
       adjuster_(std::move(adjuster)),
-      candidates_(Count(options.max_keyframes)) {}
+      candidates_(Count(options.max_keyframes)) {
+  water_.index = camera.config().port.index_water;
+}
 
 MemoryPlan IncrementalMapper::memory_plan() const {
   MemoryPlan plan;
@@ -64,6 +68,7 @@ MemoryPlan IncrementalMapper::memory_plan() const {
 Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noexcept {
   if (const Status status = Check(frame); !status) return tl::unexpected(status.error());
   BeginReport(frame.utime);
+  FollowWater(frame.utime);
   const SlotId keyframe = StoreKeyframe(frame);
   if (!has_world()) {
     Initialise(keyframe);
@@ -108,6 +113,34 @@ void IncrementalMapper::BeginReport(Utime utime) noexcept {
   report_ = next;
   last_utime_ = utime;
   ++frame_count_;
+}
+
+// The camera in the water as it was last measured. Earlier keyframes are from now on seen through
+// the new water too: a step of the index moves their observations by less than their noise.
+void IncrementalMapper::FollowWater(Utime utime) noexcept {
+  CameraConfig config = camera_.config();
+  if (options_.water_index_step <= 0.0 || config.port.type == PortType::kNone) return;
+  const NavSample measured = nav_.buffer().WaterAt(utime);
+  if (!measured.Has(NavField::kWater)) return;
+  WaterInUse water;
+  water.is_measured = true;
+  water.temperature_c = measured.temperature_c;
+  water.salinity_psu = measured.salinity_psu;
+  water.depth_m = measured.Has(NavField::kDepth) ? std::max(measured.depth_m, 0.0) : 0.0;
+  const auto index = SeaWaterIndex(
+      {water.temperature_c, water.salinity_psu, water.depth_m, options_.light_wavelength_nm});
+  if (!index) return;  // a measurement outside the sea's range
+  water.index = config.port.index_air * *index;
+  if (!(std::abs(water.index - water_.index) >= options_.water_index_step)) return;
+  config.port.index_water = water.index;
+  const auto camera = AnyCamera::Create(config);
+  if (!camera) return;
+  water_ = water;
+  camera_ = *camera;
+  placer_.SetCamera(*camera);
+  initialiser_.SetCamera(*camera);
+  grower_.SetCamera(*camera);
+  adjuster_.SetCamera(*camera);
 }
 
 // A frame with descriptors becomes a keyframe, without pose to begin with.

@@ -49,6 +49,13 @@ struct StepReport {
   double window_error_px = 0.0;  // mean, after adjustment
 };
 
+// The water before the port, as the camera has it.
+struct WaterInUse {
+  double index = 1.334;
+  bool is_measured = false;  // else the camera's as it was given; the conditions then mean nothing
+  double temperature_c = 0.0, salinity_psu = 0.0, depth_m = 0.0;
+};
+
 // Bytes by component, all taken by Create.
 struct MemoryPlan {
   struct Item {
@@ -77,6 +84,8 @@ class IncrementalMapper {
   const Map& map() const { return map_; }
   Map& map() { return map_; }  // for the owner to clear Landmark::is_changed
   MapperState state() const { return report_.state; }
+  // After Step: the water that this frame was seen through.
+  const WaterInUse& water() const { return water_; }
   // The next frame should carry descriptors whatever the front end's rhythm.
   bool wants_descriptors() const { return report_.state != MapperState::kTracking; }
   MemoryPlan memory_plan() const;
@@ -87,6 +96,7 @@ class IncrementalMapper {
 
   Status Check(const FrameObservations& frame) const noexcept;
   void BeginReport(Utime utime) noexcept;
+  void FollowWater(Utime utime) noexcept;
   SlotId StoreKeyframe(const FrameObservations& frame) noexcept;
   int FramesBeforeRestart() const noexcept;
   bool Initialise(SlotId keyframe) noexcept;
@@ -106,6 +116,7 @@ class IncrementalMapper {
 
   MapperOptions options_;
   AnyCamera camera_;
+  WaterInUse water_;
   NavAid nav_;
   Map map_;
   FramePlacer placer_;

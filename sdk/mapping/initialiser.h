@@ -21,6 +21,9 @@ class Initialiser {
   // The only place that allocates.
   Initialiser(const MapperOptions& options, const AnyCamera& camera);
 
+  // The same camera in other water; allocates nothing.
+  void SetCamera(const AnyCamera& camera) noexcept { camera_ = camera; }
+
   // The best pair of `newer` with one of `placer`'s matched keyframes (see MatchWith). The
   // baseline's length is navigation's where `nav` gives it to better than a fifth.
   //   kNotEnoughInliers  no pair has init_min_inliers; `detail` is the most there were

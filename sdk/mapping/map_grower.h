@@ -19,6 +19,9 @@ class MapGrower {
   // The only place that allocates.
   MapGrower(const MapperOptions& options, const AnyCamera& camera);
 
+  // The same camera in other water; allocates nothing.
+  void SetCamera(const AnyCamera& camera) noexcept { camera_ = camera; }
+
   // `keyframe` is placed; `landmark_of` its features' landmarks (inliers), `matches` its matches
   // with other keyframes, of which those not placed are passed over. Makes room first when the
   // landmarks are near their capacity.

@@ -56,6 +56,8 @@ Status MapperOptions::Validate() const noexcept {
       {"guided_radius_px", guided_radius_px, 1, 1000},
       {"match_keyframes", static_cast<double>(match_keyframes), 1, 64},
       {"relocalise_keyframes", static_cast<double>(relocalise_keyframes), 0, 64},
+      {"water_index_step", water_index_step, 0, 0.1},
+      {"light_wavelength_nm", light_wavelength_nm, 400, 700},
       {"pixel_sigma", pixel_sigma, 1e-3, 100},
       {"max_error_px", max_error_px, 0.1, 100},
       {"min_inliers", static_cast<double>(min_inliers), 6, 10000},

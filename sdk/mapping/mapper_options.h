@@ -49,6 +49,12 @@ struct MapperOptions {
   int match_keyframes = 4;         // newest keyframes a frame is matched with
   int relocalise_keyframes = 4;    // older ones, most similar first, when those do not suffice
 
+  // Water. Behind a port its index follows temperature, salinity and depth as they are measured.
+  // The camera takes a new index when that differs by this much from the one it has; 0: the rig
+  // file's stays. The default is 0.6 degrees, 0.26 psu or 35 m, 0.04 px at 1000 px from the centre.
+  double water_index_step = 5e-5;
+  double light_wavelength_nm = 530.0;  // rig.yaml: of the port's wavelength_nm, where it has one
+
   // Estimation.
   double pixel_sigma = 1.0;         // standard deviation of a feature's position, px
   double max_error_px = 4.0;        // an observation farther from its landmark is an outlier
@@ -97,6 +103,8 @@ void ForEachOption(Options& o, F&& f) {
   f("guided_radius_px", o.guided_radius_px);
   f("match_keyframes", o.match_keyframes);
   f("relocalise_keyframes", o.relocalise_keyframes);
+  f("water_index_step", o.water_index_step);
+  f("light_wavelength_nm", o.light_wavelength_nm);
   f("pixel_sigma", o.pixel_sigma);
   f("max_error_px", o.max_error_px);
   f("min_inliers", o.min_inliers);

@@ -13,6 +13,9 @@ class WindowAdjuster {
   // The only place that allocates.
   static Expected<WindowAdjuster> Create(const MapperOptions& options, const AnyCamera& camera);
 
+  // The same camera in other water; allocates nothing.
+  void SetCamera(const AnyCamera& camera) noexcept { camera_ = camera; }
+
   // Adjusts the newest `count` placed keyframes. `nav` is null where the world is not NED. On error
   // the map is as it was.
   Expected<WindowBaReport> Adjust(Map* map, int count, const NavAid* nav) noexcept;

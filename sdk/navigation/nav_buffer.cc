@@ -191,6 +191,22 @@ NavSample NavBuffer::At(Utime utime) const noexcept {
   return result;
 }
 
+NavSample NavBuffer::WaterAt(Utime utime) const noexcept {
+  NavSample result;
+  result.utime = utime;
+  const std::size_t water = water_.LowerBound(utime + 1), depth = depth_.LowerBound(utime + 1);
+  if (water == 0) return result;
+  result.Set(NavField::kWater);
+  result.temperature_c = water_[water - 1].value.x();
+  result.salinity_psu = water_[water - 1].value.y();
+  if (depth > 0) {
+    result.Set(NavField::kDepth);
+    result.depth_m = depth_[depth - 1].value;
+    result.sigma_depth_m = depth_[depth - 1].sigma;
+  }
+  return result;
+}
+
 namespace {
 
 // The stated sigma, component by component, or else the default.

@@ -62,6 +62,10 @@ class NavBuffer {
   // a tenth of it, is not valid in the result. Sigmas: the larger of the two neighbours'.
   NavSample At(Utime utime) const noexcept;
 
+  // The water as it was last measured at or before that time, however long ago (it changes slowly):
+  // kWater, and kDepth where a depth had been measured by then. Neither before the first.
+  NavSample WaterAt(Utime utime) const noexcept;
+
   // Dead reckoning from body velocity, attitude and, for the vertical, depth, start <= end.
   // Trapezoids between the velocity samples. The covariance sums each sample's noise, an attitude
   // error constant over the interval, and the depth sensor's. Where a source states no sigma,

@@ -72,7 +72,7 @@ status_t Sample<status_t>() {
 template <class Message>
 class MessageTest : public ::testing::Test {};
 using Messages = ::testing::Types<ahrs_t, bot_core::pose_t, ctd_t, depth_t, dvl_t, fix_t,
-                                  keyframe_t, landmarks_t, nav_t, pose_t, status_t>;
+                                  keyframe_t, landmarks_t, nav_t, pose_t, status_t, water_t>;
 TYPED_TEST_SUITE(MessageTest, Messages);
 
 TYPED_TEST(MessageTest, DecodeInvertsEncode) {

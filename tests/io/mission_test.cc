@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/nav_messages.h"
 #include "rsfm/io/output_messages.h"
@@ -126,6 +128,32 @@ TEST_F(MissionTest, ACutLogLosesOnlyTheCutEvent) {
   EXPECT_GT(mission->log.cut_bytes, 0);
   EXPECT_EQ(mission->keyframes.size(), 2u);
   EXPECT_EQ(mission->landmarks.at(7).xyz, Vec3(5, 2, 2));
+}
+
+TEST_F(MissionTest, TheIndexOfWaterIsThatOfTheTime) {
+  Rig rig = SampleRig();
+  rig.camera.port.type = PortType::kFlat;
+  rig.camera.port.index_water = 1.3;
+  {
+    auto writer = MissionWriter::Create(folder_.path(), rig);
+    ASSERT_TRUE(writer);
+    for (const auto& [utime, index] :
+         {std::pair{1000, 1.34}, std::pair{2000, 1.341}, std::pair{3000, std::nan("")}}) {
+      water_t water = {};
+      water.utime = utime;
+      water.index_water = index;
+      water.is_measured = true;
+      ASSERT_TRUE(writer->Log("RSFM_WATER", utime, water));
+    }
+    ASSERT_TRUE(writer->Close());
+  }
+  const auto mission = ReadMission(folder_.path());
+  ASSERT_TRUE(mission);
+  EXPECT_EQ(mission->waters.size(), 3u);
+  EXPECT_EQ(mission->IndexWaterAt(999), 1.3);  // the rig's
+  EXPECT_EQ(mission->IndexWaterAt(1000), 1.34);
+  EXPECT_EQ(mission->IndexWaterAt(2999), 1.341);
+  EXPECT_EQ(mission->IndexWaterAt(3001), 1.341);  // what is not finite is not believed
 }
 
 TEST_F(MissionTest, MessagesOfAnotherTypeAreCounted) {

@@ -322,6 +322,27 @@ TEST(RigTest, TheWavelengthIsThatOfGlassAndWater) {
             *SeaWaterIndex(water));
 }
 
+// What a CTD measures during the mission is judged by the same light.
+TEST(RigTest, TheMappersWavelengthIsThePorts) {
+  const auto wavelength = [](const std::string& text) {
+    const auto rig = ParseRig(text, "rig.yaml");
+    EXPECT_TRUE(rig) << ToString(rig.error());
+    if (!rig) return 0.0;
+    const auto again = ParseRig(FormatRig(*rig), "rig.yaml");
+    EXPECT_TRUE(again);
+    EXPECT_EQ(again->mapper.light_wavelength_nm, rig->mapper.light_wavelength_nm);
+    return rig->mapper.light_wavelength_nm;
+  };
+  const std::string blue = Replaced(kFlat, "index_glass: 1.52", "glass: BK7\n  wavelength_nm: 450");
+  EXPECT_EQ(wavelength(kFlat), 530.0);
+  EXPECT_EQ(wavelength(blue), 450.0);
+  EXPECT_EQ(wavelength(blue + "mapper:\n  light_wavelength_nm: 470\n"), 470.0);
+  EXPECT_EQ(wavelength(Replaced(blue, "index_water: 1.334",
+                                "water: {temperature_c: 8, salinity_psu: 35, depth_m: 20, "
+                                "wavelength_nm: 600}")),
+            600.0);
+}
+
 TEST(RigTest, ReadsCalibmar) {
   const auto rig = ParseRig(R"(model: OPENCV
 # fx, fy, cx, cy, k1, k2, p1, p2

@@ -78,6 +78,30 @@ TEST(NavBuffer, DoesNotBridgeGaps) {
   EXPECT_FALSE(nav.At(UsFromSeconds(-1.0)).Has(NavField::kDepth));
 }
 
+TEST(NavBuffer, WaterIsWhatWasMeasuredLast) {
+  NavBuffer nav = MakeBuffer();
+  NavSample water;
+  water.Set(NavField::kWater);
+  for (int i = 1; i <= 3; ++i) {
+    water.utime = UsFromSeconds(100.0 * i);
+    water.temperature_c = i;
+    water.salinity_psu = 30.0 + i;
+    nav.Insert(water);
+  }
+  nav.Insert(Depth(150.0, 7.0));
+  EXPECT_EQ(nav.WaterAt(UsFromSeconds(100.0) - 1).valid, 0u);
+  const NavSample first = nav.WaterAt(UsFromSeconds(100.0));
+  EXPECT_TRUE(first.Has(NavField::kWater));
+  EXPECT_FALSE(first.Has(NavField::kDepth));  // none by then
+  EXPECT_EQ(first.temperature_c, 1.0);
+  const NavSample second = nav.WaterAt(UsFromSeconds(299.9));
+  EXPECT_EQ(second.temperature_c, 2.0);
+  EXPECT_EQ(second.salinity_psu, 32.0);
+  ASSERT_TRUE(second.Has(NavField::kDepth));
+  EXPECT_EQ(second.depth_m, 7.0);
+  EXPECT_EQ(nav.WaterAt(UsFromSeconds(9999.0)).temperature_c, 3.0);
+}
+
 TEST(NavBuffer, LateSamplesGoToTheirPlace) {
   NavBuffer in_order = MakeBuffer(), shuffled = MakeBuffer();
   Rng rng(5);

@@ -36,6 +36,19 @@ IoStatus MissionPublisher::PublishNav(const NavSample& sample) {
   return {};
 }
 
+IoStatus MissionPublisher::PublishWater(Utime utime, const WaterInUse& water) {
+  if (rig_.camera.port.type == PortType::kNone || water.index == last_index_water_) return {};
+  last_index_water_ = water.index;
+  water_t message{};
+  message.utime = utime;
+  message.index_water = water.index;
+  message.is_measured = water.is_measured;
+  message.temperature_c = water.is_measured ? water.temperature_c : kNaN;
+  message.salinity_psu = water.is_measured ? water.salinity_psu : kNaN;
+  message.depth_m = water.is_measured ? water.depth_m : kNaN;
+  return Publish(rig_.bus.water_channel, utime, message);
+}
+
 IoStatus MissionPublisher::PublishPose(Utime utime, const StepReport& report) {
   pose_t pose{};
   pose.utime = utime;
@@ -153,6 +166,7 @@ IoStatus MissionPublisher::PublishStatus(Utime utime, const StepReport& report,
 IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
                                        const StepReport& report, const FeedCounters& counters,
                                        IncrementalMapper* mapper) {
+  if (auto s = PublishWater(utime, mapper->water()); !s) return s;
   if (auto s = PublishPose(utime, report); !s) return s;
   if (report.keyframe.valid()) {
     image_of_keyframe_[mapper->map().keyframe(report.keyframe).id] = image;

@@ -26,7 +26,8 @@ class MissionPublisher {
 
   IoStatus PublishNav(const NavSample& sample);
   // The frame's pose; a keyframe where it became one, again without descriptors where one left the
-  // window or was placed late; landmarks that are new or have moved; the status once a second.
+  // window or was placed late; the water's index at the start and when it has changed; landmarks
+  // that are new or have moved; the status once a second.
   IoStatus PublishStep(const std::string& image, Utime utime, const StepReport& report,
                        const FeedCounters& counters, IncrementalMapper* mapper);
   // The last word on every keyframe still in the window, every landmark that has moved, a status.
@@ -36,6 +37,7 @@ class MissionPublisher {
  private:
   template <class Message>
   IoStatus Publish(const std::string& channel, Utime utime, const Message& message);
+  IoStatus PublishWater(Utime utime, const WaterInUse& water);
   IoStatus PublishPose(Utime utime, const StepReport& report);
   IoStatus PublishKeyframe(const Map& map, SlotId id, bool with_descriptors, MapperState state,
                            Utime utime);
@@ -48,6 +50,7 @@ class MissionPublisher {
   LcmBus* bus_;
   std::unordered_map<std::int32_t, std::string> image_of_keyframe_;
   std::int32_t last_left_window_ = -1;
+  double last_index_water_ = 0.0;  // 0: none has been published
   Utime last_status_utime_ = 0;
   bool has_status_ = false;
 };

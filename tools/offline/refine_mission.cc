@@ -15,7 +15,21 @@ struct Loaded {
   Rig rig;
   std::vector<NavSample> nav;
   std::vector<ImageTime> images;
+  std::optional<RefineResult::Water> water;
 };
+
+// What the mission says of the water goes before the rig file.
+void UseWater(const Mission& mission, Loaded* loaded) {
+  PortConfig& port = loaded->scene.camera.port;
+  if (port.type == PortType::kNone || mission.waters.empty()) return;
+  std::vector<double> indices;
+  for (const SceneImage& image : loaded->scene.images)
+    if (image.placed) indices.push_back(mission.IndexWaterAt(image.utime));
+  if (indices.empty()) return;
+  std::sort(indices.begin(), indices.end());
+  loaded->water = {port.index_water, indices[indices.size() / 2], indices.front(), indices.back()};
+  port.index_water = loaded->water->used;
+}
 
 IoExpected<Loaded> LoadMission(const RefineRequest& request) {
   auto mission = ReadMission(request.input);
@@ -31,6 +45,7 @@ IoExpected<Loaded> LoadMission(const RefineRequest& request) {
   loaded.rig = mission->rig;
   loaded.nav = std::move(mission->nav);
   loaded.images = std::move(mission->images);
+  UseWater(*mission, &loaded);
   return loaded;
 }
 
@@ -155,6 +170,7 @@ IoExpected<RefineResult> Refine(const RefineRequest& request) {
       return Fail(status.error());
   }
   result.camera_before = scene.camera;
+  if (!request.uwpinhole) result.water = loaded->water;
   const NavigationInput navigation{loaded->nav, loaded->rig.body_from_camera, loaded->rig.mapper};
   RefineSceneOptions options = request.scene;
   options.progress = request.progress;

@@ -32,6 +32,12 @@ struct RefineResult {
   std::optional<ObservabilityReport> observability;  // where lens or port were refined
   CameraConfig camera_before, camera_after;
   int num_images = 0;  // offered
+  // The index of water that the mapper had, over the images it placed; one is used for all of them:
+  // the median. Nothing where there is no port or the mission does not say.
+  struct Water {
+    double rig = 0.0, used = 0.0, low = 0.0, high = 0.0;
+  };
+  std::optional<Water> water;
   Model model;
 };
 

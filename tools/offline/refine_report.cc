@@ -95,6 +95,12 @@ std::string FormatRefineReport(const RefineRequest& request, const RefineResult&
                      {"placing", scene.seconds_placing},
                      {"rounds", scene.seconds_rounds}};
   json["world"] = GaugeJson(result);
+  if (result.water) {
+    json["index_water"] = {{"rig", result.water->rig},
+                           {"used", result.water->used},
+                           {"lowest_in_mission", result.water->low},
+                           {"highest_in_mission", result.water->high}};
+  }
   json["camera_before"] = CameraJson(result.camera_before);
   json["camera_after"] = CameraJson(result.camera_after);
   json["refined"] = result.observability ? ObservabilityJson(*result.observability) : Json();

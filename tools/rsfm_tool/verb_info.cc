@@ -86,6 +86,15 @@ int PrintMission(const fs::path& path) {
   const std::vector<TrajectoryPose> poses = TrajectoryOf(*mission);
   std::printf("poses         %lld, of which %lld tracked; path %.3f m\n",
               Count(mission->poses.size()), Count(poses.size()), PathLength(poses));
+  for (const water_t& water : mission->waters) {
+    std::printf("water         index %.6f", water.index_water);
+    if (water.is_measured) {
+      std::printf(" from %.3f s on: %.2f degrees, %.2f psu, %.1f m deep",
+                  SecondsFromUs(water.utime - mission->waters.front().utime), water.temperature_c,
+                  water.salinity_psu, water.depth_m);
+    }
+    std::printf("\n");
+  }
   std::printf("landmarks     %lld\n", Count(mission->landmarks.size()));
   std::printf("keyframes     %lld\n", Count(mission->keyframes.size()));
   std::printf("on-board model\n");

@@ -40,6 +40,11 @@ void PrintFindings(const RefineResult& result) {
               scene.errors.rms_px);
   if (!scene.rounds.empty() && scene.rounds.back().bundle.gauge.scale)
     std::printf("scale        held: no sensor gives it\n");
+  if (result.water) {
+    std::printf(
+        "water        index %.6f for all images; %.6f to %.6f in the mission, %.6f in the rig\n",
+        result.water->used, result.water->low, result.water->high, result.water->rig);
+  }
   if (!result.observability) return;
   std::printf("noise        %.3f px per coordinate\n", result.observability->noise_px);
   for (const ParameterEstimate& p : result.observability->parameters) {
