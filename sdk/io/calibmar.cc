@@ -4,7 +4,12 @@
 
 namespace rsfm {
 
-std::string FormatCalibmar(const CameraConfig& camera) {
+IoExpected<std::string> FormatCalibmar(const CameraConfig& camera) {
+  if (!camera.port.outer_layers.empty()) {
+    return Fail({Errc::kUnsupported, "", "port.layers",
+                 "a port of several layers has no place in calibmar's file",
+                 "keep rig.yaml, or describe the port by one layer"});
+  }
   const auto list = [](const auto& values) {
     std::string text = "[";
     for (const double value : values) text += (text.size() > 1 ? ", " : "") + FormatNumber(value);

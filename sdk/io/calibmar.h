@@ -4,12 +4,13 @@
 
 #include <string>
 
+#include "rsfm/io/diagnostic.h"
 #include "rsfm/refraction/camera_config.h"
 
 namespace rsfm {
 
 // model, parameters, non_svp_model (FLATPORT, DOMEPORT, NONE), non_svp_parameters, width, height;
-// numbers keep their full precision.
-std::string FormatCalibmar(const CameraConfig& camera);
+// numbers keep their full precision. kUnsupported for a port of several layers.
+IoExpected<std::string> FormatCalibmar(const CameraConfig& camera);
 
 }  // namespace rsfm

@@ -251,6 +251,33 @@ IoExpected<Model> ReadModel(const fs::path& folder) {
   return model;
 }
 
+namespace {
+
+bool AreSame(const PortConfig& a, const PortConfig& b) {
+  if (a.type != b.type || a.Params() != b.Params()) return false;
+  return std::equal(a.outer_layers.begin(), a.outer_layers.end(), b.outer_layers.begin(),
+                    b.outer_layers.end(), [](const PortLayer& c, const PortLayer& d) {
+                      return c.thickness_m == d.thickness_m && c.index == d.index;
+                    });
+}
+
+// What rig.yaml and, with ports in it, COLMAP's cameras file can hold.
+IoStatus CheckPorts(const std::vector<ModelCamera>& cameras, const PortConfig& port,
+                    const fs::path& folder, bool with_port) {
+  for (const ModelCamera& camera : cameras) {
+    if (AreSame(camera.config.port, port)) continue;
+    return Fail({Errc::kUnsupported, folder.string(), "port",
+                 "the model's cameras have different ports, and rig.yaml holds one",
+                 "write one model per port"});
+  }
+  if (!with_port || port.outer_layers.empty()) return {};
+  return Fail({Errc::kUnsupported, folder.string(), "port.layers",
+               "a port of several layers has no place in colmap_underwater's files",
+               "write colmap-txt or colmap-bin: rig.yaml beside them keeps the layers"});
+}
+
+}  // namespace
+
 IoStatus WriteModelFiles(const Model& model, const fs::path& folder, ModelFormat format) {
   if (const Status status = Validate(model); !status) {
     return Fail({Errc::kInvalidArgument, folder.string(), status.error().where,
@@ -261,23 +288,15 @@ IoStatus WriteModelFiles(const Model& model, const fs::path& folder, ModelFormat
   const auto camera_ids = AssignIds<std::uint32_t>(cameras);
   for (std::size_t i = 0; i < cameras.size(); ++i) cameras[i].id = camera_ids[i];
   if (!cameras.empty()) rig.camera = cameras.front().config;
-  for (const ModelCamera& camera : cameras) {
-    if (camera.config.port.type == rig.camera.port.type &&
-        camera.config.port.Params() == rig.camera.port.Params()) {
-      continue;
-    }
-    return Fail({Errc::kUnsupported, folder.string(), "port",
-                 "the model's cameras have different ports, and rig.yaml holds one",
-                 "write one model per port"});
-  }
-  std::vector<ColmapImage> images;
-  std::vector<ColmapPoint> points;
-  FillColmap(model, camera_ids, &images, &points);
-
   const bool is_binary =
       format == ModelFormat::kColmapBinary || format == ModelFormat::kColmapUnderwaterBinary;
   const bool with_port =
       format == ModelFormat::kColmapUnderwater || format == ModelFormat::kColmapUnderwaterBinary;
+  if (auto status = CheckPorts(cameras, rig.camera.port, folder, with_port); !status) return status;
+  std::vector<ColmapImage> images;
+  std::vector<ColmapPoint> points;
+  FillColmap(model, camera_ids, &images, &points);
+
   const auto write = [&](const char* stem, const std::string& content) {
     return WriteFileAtomically(folder / (std::string(stem) + (is_binary ? ".bin" : ".txt")),
                                content);

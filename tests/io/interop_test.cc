@@ -83,10 +83,40 @@ std::vector<ModelCamera> Numbered(const std::vector<CameraConfig>& configs) {
 
 TEST(InteropTest, CalibmarKeepsEveryLensAndPort) {
   for (const CameraConfig& camera : AllCameras()) {
-    const auto rig = ParseRig(FormatCalibmar(camera), "calibration.yaml");
-    ASSERT_TRUE(rig) << ToString(rig.error()) << "\n" << FormatCalibmar(camera);
+    const auto text = FormatCalibmar(camera);
+    ASSERT_TRUE(text) << ToString(text.error());
+    const auto rig = ParseRig(*text, "calibration.yaml");
+    ASSERT_TRUE(rig) << ToString(rig.error()) << "\n" << *text;
     ExpectSame(camera, rig->camera);
   }
+}
+
+// What a format has no place for is refused, never dropped.
+TEST(InteropTest, LayersAreNotLostOnTheWay) {
+  const TemporaryFolder folder;
+  Rng rng(5);
+  Model model;
+  model.rig.camera = MakeCamera(LensModel::kPinhole, PortType::kFlat, &rng);
+  ASSERT_TRUE(model.rig.camera.port.outer_layers.TryPushBack({0.002, 1.49}));
+  model.cameras = {{1, model.rig.camera}};
+  EXPECT_EQ(FormatCalibmar(model.rig.camera).error().field, "port.layers");
+  for (const ModelFormat format :
+       {ModelFormat::kColmapUnderwater, ModelFormat::kColmapUnderwaterBinary}) {
+    const IoStatus written = WriteModel(model, folder.path() / "model", format);
+    ASSERT_FALSE(written);
+    EXPECT_EQ(written.error().field, "port.layers");
+    EXPECT_THAT(written.error().fix, HasSubstr("colmap-txt"));
+  }
+  ASSERT_TRUE(WriteModel(model, folder.path() / "model", ModelFormat::kColmapText));
+  const auto back = ReadModel(folder.path() / "model");
+  ASSERT_TRUE(back) << ToString(back.error());
+  ASSERT_EQ(back->cameras[0].config.port.outer_layers.size(), 1u);
+  EXPECT_EQ(back->cameras[0].config.port.outer_layers[0].index, 1.49);
+  // Cameras that differ in a layer alone do not fit one rig.yaml.
+  model.cameras.push_back(model.cameras[0]);
+  model.cameras[1].id = 2;
+  model.cameras[1].config.port.outer_layers[0].index = 1.5;
+  EXPECT_FALSE(WriteModel(model, folder.path() / "model", ModelFormat::kColmapText));
 }
 
 TEST(InteropTest, RigYamlKeepsEveryLensAndPort) {
@@ -154,7 +184,7 @@ TEST(InteropTest, EveryFormatIsACameraFile) {
     const std::pair<const char*, std::string> files[] = {
         {"cameras.txt", FormatColmapCamerasText(one, true)},
         {"cameras.bin", FormatColmapCamerasBinary(one, true)},
-        {"calibration.yaml", FormatCalibmar(camera)}};
+        {"calibration.yaml", *FormatCalibmar(camera)}};
     for (const auto& [name, content] : files) {
       ASSERT_TRUE(WriteFileAtomically(folder.path() / name, content));
       const auto rig = ReadRig(folder.path() / name);
@@ -365,7 +395,7 @@ TEST(InteropFuzzTest, ColmapCameras) {
 TEST(InteropFuzzTest, CalibmarAndRigYaml) {
   Rng rng(9);
   const CameraConfig camera = MakeCamera(LensModel::kOpenCV, PortType::kDome, &rng);
-  for (const std::string& good : {FormatCalibmar(camera), FormatCamera(camera)}) {
+  for (const std::string& good : {*FormatCalibmar(camera), FormatCamera(camera)}) {
     Fuzz(good, 1000, 3, [&](const std::string& bytes) {
       const auto rig = ParseRig(bytes, "fuzzed");
       if (!rig) return ExpectExplained(rig.error());

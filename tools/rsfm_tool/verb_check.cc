@@ -61,8 +61,11 @@ void PrintPort(const PortConfig& port) {
     std::printf("port          dome, inner radius %.2f mm, camera off its centre by %.3f mm",
                 1e3 * port.radius_m, 1e3 * port.center_m.norm());
   }
-  std::printf(", %.2f mm thick; indices of air %.6g, glass %.6g, water %.6g\n",
-              1e3 * port.thickness_m, port.index_air, port.index_glass, port.index_water);
+  std::printf(", %.2f mm thick; indices of air %.6g, glass %.6g", 1e3 * port.thickness_m,
+              port.index_air, port.index_glass);
+  for (const PortLayer& layer : port.outer_layers)
+    std::printf(", then %.2f mm of %.6g", 1e3 * layer.thickness_m, layer.index);
+  std::printf(", water %.6g\n", port.index_water);
 }
 
 // How far the camera is from the pinhole that comes nearest to it.

@@ -40,6 +40,11 @@ IoExpected<Input> ReadInput(const fs::path& path) {
   return input;
 }
 
+Diagnostic WithFile(Diagnostic problem, const std::string& file) {
+  problem.file = file;
+  return problem;
+}
+
 IoStatus Write(const Input& input, const ExportOptions& options) {
   const fs::path out = options.out;
   const std::string name = fs::path(options.input).lexically_normal().filename().string();
@@ -52,16 +57,16 @@ IoStatus Write(const Input& input, const ExportOptions& options) {
   if (format == "colmap-underwater-bin") {
     return WriteModel(input.model, out, ModelFormat::kColmapUnderwaterBinary);
   }
-  if (format == "calibmar") return WriteFileAtomically(out, FormatCalibmar(input.model.rig.camera));
+  if (format == "calibmar") {
+    auto calibration = FormatCalibmar(input.model.rig.camera);
+    if (!calibration) return Fail(WithFile(calibration.error(), options.input));
+    return WriteFileAtomically(out, *calibration);
+  }
   if (format == "ply") return WriteFileAtomically(out, FormatPly(input.model, input.trajectory));
   if (format == "tum") return WriteFileAtomically(out, FormatTum(input.trajectory));
   auto text = format == "kml" ? FormatKml(input.trajectory, input.model.rig.world, name)
                               : FormatGeoJson(input.trajectory, input.model.rig.world, name);
-  if (!text) {
-    Diagnostic problem = text.error();
-    problem.file = options.input;
-    return Fail(problem);
-  }
+  if (!text) return Fail(WithFile(text.error(), options.input));
   return WriteFileAtomically(out, *text);
 }
 
