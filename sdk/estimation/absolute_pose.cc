@@ -9,7 +9,9 @@
 #include <numbers>
 
 #include "rsfm/estimation/gp3p.h"
+#include "rsfm/estimation/p3p.h"
 #include "rsfm/estimation/reprojection_residual.h"
+#include "rsfm/estimation/upright_absolute_pose.h"
 
 namespace rsfm {
 namespace {
@@ -50,18 +52,24 @@ inline Mat26 ChainToPose(const Mat23& d_error_d_point, const Vec3& p) {
   return jacobian;
 }
 
-// The RANSAC problem: GP3P on the rays, the first-order image error as the criterion.
+struct Hypothesis {
+  Mat3 rotation = Mat3::Identity();
+  Vec3 translation = Vec3::Zero();
+};
+
+// The RANSAC problem: poses from the rays of a sample, the first-order image error as the criterion.
+template <int kSize>
 class Problem {
  public:
-  static constexpr int kSampleSize = kGp3pSampleSize;
-  struct Model {
-    Mat3 rotation = Mat3::Identity();
-    Vec3 translation = Vec3::Zero();
-  };
+  static constexpr int kSampleSize = kSize;
+  static constexpr int kErrorDof = 2;
+  using Model = Hypothesis;
   using Models = StaticVector<Model, Gp3pSolutions::capacity()>;
   using Observation = AbsolutePoseEstimator::Observation;
 
-  explicit Problem(std::span<const Observation> observations) : observations_(observations) {}
+  Problem(std::span<const Observation> observations, const AbsolutePoseOptions& options,
+          bool has_centre)
+      : observations_(observations), options_(options), has_centre_(has_centre) {}
 
   int Size() const { return static_cast<int>(observations_.size()); }
 
@@ -72,8 +80,17 @@ class Problem {
       rays[i] = observations_[sample[i]].ray;
       points[i] = observations_[sample[i]].point_in_world;
     }
-    for (const Rigid3& pose : SolveGp3p(rays, points)) {
-      models->TryPushBack({pose.rotation.toRotationMatrix(), pose.translation});
+    const auto add = [models](const auto& poses) {
+      for (const Rigid3& pose : poses)
+        models->TryPushBack({pose.rotation.toRotationMatrix(), pose.translation});
+    };
+    if constexpr (kSampleSize == kUprightAbsoluteSampleSize) {
+      add(SolveUprightAbsolutePose(rays, points, options_.down_in_camera, options_.down_in_world));
+    } else if (has_centre_) {
+      add(SolveP3p(std::array<Vec3, 3>{rays[0].direction, rays[1].direction, rays[2].direction},
+                   points));
+    } else {
+      add(SolveGp3p(rays, points));
     }
   }
 
@@ -118,8 +135,11 @@ class Problem {
 
  private:
   std::span<const Observation> observations_;
+  const AbsolutePoseOptions& options_;
+  bool has_centre_;  // all rays pass through the camera's origin
 };
-static_assert(RansacProblem<Problem>);
+static_assert(RansacProblem<Problem<kGp3pSampleSize>>);
+static_assert(RansacProblem<Problem<kUprightAbsoluteSampleSize>>);
 
 // The true image error of the active observations with a robust loss in units of sigma.
 Normal Linearise(const AnyCamera& camera, std::span<const Vec2> pixels,
@@ -188,6 +208,12 @@ Status AbsolutePoseOptions::Validate() const noexcept {
   if (min_inliers < 4) return Fail(Errc::kInvalidArgument, "min_inliers", min_inliers);
   if (!(max_rotation_sigma_rad > 0.0))
     return Fail(Errc::kInvalidArgument, "max_rotation_sigma_rad");
+  if (down_in_camera != Vec3::Zero() || down_in_world != Vec3::Zero()) {
+    if (!(std::abs(down_in_camera.norm() - 1.0) < 1e-6))
+      return Fail(Errc::kInvalidArgument, "down_in_camera");
+    if (!(std::abs(down_in_world.norm() - 1.0) < 1e-6))
+      return Fail(Errc::kInvalidArgument, "down_in_world");
+  }
   if (!(linearisation_range_m > 0.0)) return Fail(Errc::kInvalidArgument, "linearisation_range_m");
   return {};
 }
@@ -329,9 +355,16 @@ Expected<AbsolutePoseReport> AbsolutePoseEstimator::Estimate(
   if (const Status status = Prepare(camera, pixels, points_in_world, options, true); !status) {
     return tl::unexpected(status.error());
   }
-  Problem problem(observations_.span());
-  Problem::Model model;
-  const Expected<RansacReport> ransac = Ransac(problem, options.ransac, &workspace_, &model);
+  const bool has_centre = camera.config().port.type == PortType::kNone;
+  Hypothesis model;
+  Expected<RansacReport> ransac;
+  if (options.down_in_camera != Vec3::Zero()) {
+    Problem<kUprightAbsoluteSampleSize> problem(observations_.span(), options, has_centre);
+    ransac = Ransac(problem, options.ransac, &workspace_, &model);
+  } else {
+    Problem<kGp3pSampleSize> problem(observations_.span(), options, has_centre);
+    ransac = Ransac(problem, options.ransac, &workspace_, &model);
+  }
   if (!ransac) return tl::unexpected(ransac.error());
   AbsolutePoseReport report;
   report.ransac = *ransac;

@@ -1,8 +1,8 @@
 // The pose of a refractive camera from pixels of known world points.
 //
-// Pixels become refracted rays once; GP3P hypotheses in LO-RANSAC are scored and locally optimised
-// on the first-order image error of those rays; the best is refined by Levenberg-Marquardt on the
-// true image error with a robust loss.
+// Pixels become refracted rays once; hypotheses in LO-RANSAC (GP3P; P3P without a port; two upright
+// points with known gravity) are scored and locally optimised on the first-order image error of
+// those rays; the best is refined by Levenberg-Marquardt on the true image error with a robust loss.
 #pragma once
 
 #include <cstdint>
@@ -26,6 +26,10 @@ struct AbsolutePoseOptions {
   int min_inliers = 8;
   double max_rotation_sigma_rad =
       0.2;  // a pose less certain than this about any axis is degenerate
+  // Which way is down, unit vectors, from an attitude sensor: samples of two points then, for the
+  // hypotheses only. Its error must be small against the threshold. Both zero: not known.
+  Vec3 down_in_camera = Vec3::Zero();
+  Vec3 down_in_world = Vec3::Zero();
   double linearisation_range_m =
       3.0;  // > 0: where on its ray each pixel's error is linearised for scoring
 

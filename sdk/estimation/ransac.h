@@ -1,12 +1,13 @@
 // LO-RANSAC, once, for every estimator.
 //
-// Hypotheses from minimal samples are ranked by the truncated sum of squared errors (MSAC) [Torr &
-// Zisserman 2000, CVIU 78(1)]; each new best is locally optimised on its inliers [Chum 2003, DAGM;
-// Lebeda 2012, BMVC]; sampling stops when a better sample has been missed with a probability below
-// 1 - confidence [Fischler & Bolles 1981].
+// Hypotheses from minimal samples are ranked by a truncated sum of their errors (ransac_scoring.h);
+// each new best is locally optimised on its inliers [Chum 2003, DAGM; Lebeda 2012, BMVC]; sampling
+// stops when a better sample has been missed with a probability below 1 - confidence [Fischler &
+// Bolles 1981], or at a bound.
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
@@ -16,6 +17,7 @@
 #include "rsfm/base/error.h"
 #include "rsfm/base/fixed_vector.h"
 #include "rsfm/base/rng.h"
+#include "rsfm/estimation/ransac_scoring.h"
 
 namespace rsfm {
 
@@ -28,6 +30,14 @@ struct RansacOptions {
   std::int64_t max_evaluations = 4'000'000;
   int max_refinements = 4;  // local optimisations of one hypothesis; 0 is plain MSAC
   std::uint64_t seed = 1;   // always explicit: a replay repeats bit for bit
+  RansacScoring scoring = RansacScoring::kMsac;
+  // The observations come best first (by matching score, say): good ones are sampled earlier, and
+  // it may be enough that the better ones agree (PROSAC). Wrong orders only cost time.
+  bool sorted_by_quality = false;
+  // Asked after each sample with its context; true ends the sampling with what there is: a time
+  // budget. A run that it ends repeats only if it answers the same.
+  bool (*stop)(void* context) = nullptr;
+  void* stop_context = nullptr;
 
   // kInvalidArgument with the field's name.
   Status Validate() const noexcept {
@@ -43,18 +53,28 @@ struct RansacOptions {
   }
 };
 
+enum class RansacEnd : std::uint8_t {
+  kConfidence,      // a better sample is unlikely
+  kMaxIterations,   // the bounds of the options
+  kMaxEvaluations,
+  kStopped,         // by the caller's hook
+};
+
 struct RansacReport {
-  int iterations = 0;
+  RansacEnd end = RansacEnd::kConfidence;
+  int iterations = 0;  // samples
   int models = 0;                // hypotheses from samples
   int refinements = 0;           // local optimisations tried
   std::int64_t evaluations = 0;  // of one observation against one model
   int num_inliers = 0;
-  double score = 0.0;  // sum over observations of min(error^2, max_error^2)
+  double inlier_ratio = 0.0;
+  double score = 0.0;  // sum over observations of min(error^2, max_error^2) or its marginal
 };
 
 // What an estimator supplies. Size() observations, numbered from 0. Solve() appends the models of a
 // sample. SquaredError() may be NaN or infinite for an impossible observation: an outlier. Refine()
-// improves a model on the given observations or returns false and leaves it.
+// improves a model on the given observations or returns false and leaves it. An optional kErrorDof
+// (1 or 2, default 2) is the number of normal components of an error: kMagsac's.
 template <class P>
 concept RansacProblem = requires(P& problem, const P& constant, const typename P::Model& model,
                                  typename P::Model* mutable_model, typename P::Models* models,
@@ -93,16 +113,33 @@ inline int RequiredIterations(int num_inliers, int size, int sample_size, double
   return needed < max_iterations ? static_cast<int>(needed) : max_iterations;
 }
 
+template <class P>
+constexpr int ErrorDof() {
+  if constexpr (requires { P::kErrorDof; }) return P::kErrorDof;
+  return 2;
+}
+
 // The truncated score, given up (returned as it is then) once it exceeds `bound`.
 template <RansacProblem P>
-double Score(const P& problem, const typename P::Model& model, double max_squared_error,
+double Score(const P& problem, const typename P::Model& model, const RansacOptions& options,
              double bound, RansacReport* report) {
+  const double max_squared_error = options.max_error_px * options.max_error_px;
   double score = 0.0;
   const int size = problem.Size();
   int i = 0;
-  for (; i < size && score < bound; ++i) {
-    const double squared_error = problem.SquaredError(model, i);
-    score += squared_error < max_squared_error ? squared_error : max_squared_error;
+  if (options.scoring == RansacScoring::kMsac) {
+    for (; i < size && score < bound; ++i) {
+      const double squared_error = problem.SquaredError(model, i);
+      score += squared_error < max_squared_error ? squared_error : max_squared_error;
+    }
+  } else {
+    const auto& loss = MagsacLoss<ErrorDof<P>()>::Get();
+    for (; i < size && score < bound; ++i) {
+      const double squared_error = problem.SquaredError(model, i);
+      score += squared_error < max_squared_error
+                   ? max_squared_error * loss(squared_error / max_squared_error)
+                   : max_squared_error;
+    }
   }
   report->evaluations += i;
   return score;
@@ -128,13 +165,49 @@ void OptimiseLocally(P& problem, const RansacOptions& options, RansacWorkspace* 
     typename P::Model refined = *model;
     ++report->refinements;
     if (!problem.Refine(workspace->inliers.span(), &refined)) return;
-    const double refined_score = Score(problem, refined, max_squared_error, *score, report);
+    const double refined_score = Score(problem, refined, options, *score, report);
     if (!(refined_score < *score)) return;
     const bool is_small = refined_score > *score * (1.0 - 1e-3);
     *model = refined;
     *score = refined_score;
     if (is_small) return;
   }
+}
+
+// Draws a sample without replacement: from all observations, or from PROSAC's pool, whose first
+// observations are then all that the permutation has ever moved.
+template <std::size_t kSize>
+void DrawSample(FixedVector<int>* permutation, const ProsacGrowth* growth, Rng* rng,
+                std::array<int, kSize>* sample) {
+  int pool = growth != nullptr ? growth->pool() : static_cast<int>(permutation->size());
+  int count = static_cast<int>(kSize);
+  if (growth != nullptr && growth->must_hold_last()) {
+    (*sample)[--count] = --pool;
+  }
+  for (int i = 0; i < count; ++i) {  // the first places of a random permutation
+    const int other = i + static_cast<int>(rng->Index(static_cast<std::uint32_t>(pool - i)));
+    std::swap((*permutation)[i], (*permutation)[other]);
+    (*sample)[i] = (*permutation)[i];
+  }
+}
+
+// The same as RequiredIterations over the best n observations, for the n that needs the fewest and
+// whose inliers are more than a wrong model would find by chance (5 % of them, three sigmas).
+//   [Chum & Matas 2005, CVPR, sec. 2.2]
+inline int RequiredSortedIterations(std::span<const int> inliers, int size, int sample_size,
+                                    double confidence, int max_iterations) {
+  constexpr double kChance = 0.05;
+  int required = max_iterations;
+  for (int count = sample_size + 1; count <= static_cast<int>(inliers.size()); ++count) {
+    const bool is_last = count == static_cast<int>(inliers.size());
+    const int n = is_last ? size : inliers[count];  // up to the next inlier
+    if (n < std::min(size, 20)) continue;
+    const double by_chance = sample_size + kChance * n + 3.0 * std::sqrt(kChance * n);
+    if (!is_last && count < by_chance) continue;
+    required = std::min(required,
+                        RequiredIterations(count, n, sample_size, confidence, max_iterations));
+  }
+  return required;
 }
 
 }  // namespace internal
@@ -164,39 +237,54 @@ Expected<RansacReport> Ransac(P& problem, const RansacOptions& options, RansacWo
   double best_score = std::numeric_limits<double>::infinity();
   int required = options.max_iterations;
   typename P::Models models;
-  for (; report.iterations < options.max_iterations &&
-         (report.iterations < options.min_iterations || report.iterations < required) &&
-         report.evaluations < options.max_evaluations;
-       ++report.iterations) {
-    for (int i = 0; i < P::kSampleSize; ++i) {  // the first places of a random permutation
-      const int other = i + static_cast<int>(rng.Index(static_cast<std::uint32_t>(size - i)));
-      std::swap(workspace->permutation[i], workspace->permutation[other]);
+  internal::ProsacGrowth growth(size, P::kSampleSize, options.max_iterations);
+  std::array<int, P::kSampleSize> sample;
+  while (true) {
+    if (report.iterations >= options.max_iterations) report.end = RansacEnd::kMaxIterations;
+    if (report.iterations >= options.max_iterations ||
+        (report.iterations >= options.min_iterations && report.iterations >= required)) {
+      break;
     }
+    ++report.iterations;
+    if (options.sorted_by_quality) growth.Next();
+    internal::DrawSample(&workspace->permutation, options.sorted_by_quality ? &growth : nullptr,
+                         &rng, &sample);
     models.clear();
-    problem.Solve(
-        std::span<const int, P::kSampleSize>(workspace->permutation.data(), P::kSampleSize),
-        &models);
+    problem.Solve(std::span<const int, P::kSampleSize>(sample), &models);
     bool improved = false;
     for (const typename P::Model& candidate : models) {
       ++report.models;
-      const double score =
-          internal::Score(problem, candidate, max_squared_error, best_score, &report);
+      const double score = internal::Score(problem, candidate, options, best_score, &report);
       if (!(score < best_score)) continue;
       model = candidate;
       best_score = score;
       improved = true;
     }
-    if (!improved) continue;
-    internal::OptimiseLocally(problem, options, workspace, &model, &best_score, &report);
-    internal::CollectInliers(problem, model, max_squared_error, &workspace->inliers);
-    required =
-        internal::RequiredIterations(static_cast<int>(workspace->inliers.size()), size,
-                                     P::kSampleSize, options.confidence, options.max_iterations);
+    if (improved) {
+      internal::OptimiseLocally(problem, options, workspace, &model, &best_score, &report);
+      internal::CollectInliers(problem, model, max_squared_error, &workspace->inliers);
+      required = options.sorted_by_quality
+                     ? internal::RequiredSortedIterations(workspace->inliers.span(), size,
+                                                          P::kSampleSize, options.confidence,
+                                                          options.max_iterations)
+                     : internal::RequiredIterations(static_cast<int>(workspace->inliers.size()),
+                                                    size, P::kSampleSize, options.confidence,
+                                                    options.max_iterations);
+    }
+    if (report.evaluations >= options.max_evaluations) {
+      report.end = RansacEnd::kMaxEvaluations;
+      break;
+    }
+    if (options.stop != nullptr && options.stop(options.stop_context)) {
+      report.end = RansacEnd::kStopped;
+      break;
+    }
   }
 
   if (report.models == 0) return Fail(Errc::kDegenerate, "samples");
   internal::CollectInliers(problem, model, max_squared_error, &workspace->inliers);
   report.num_inliers = static_cast<int>(workspace->inliers.size());
+  report.inlier_ratio = static_cast<double>(report.num_inliers) / size;
   report.score = best_score;
   if (report.num_inliers < P::kSampleSize)
     return Fail(Errc::kNotEnoughInliers, "inliers", report.num_inliers);

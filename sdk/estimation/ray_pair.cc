@@ -49,47 +49,9 @@ inline double Weight(const RelativePose& pose, const RayPair& pair, const Constr
   return pixels / std::abs(pair.a.ray.direction.z() * pair.b.ray.direction.z());
 }
 
-RelativePose Update(const RelativePose& pose, const Vec6& step,
-                    const EpipolarRefineOptions& options) {
-  RelativePose result;
-  result.rotation = Quat(ExpSo3(step.head<3>()).toRotationMatrix() * pose.rotation)
-                        .normalized()
-                        .toRotationMatrix();
-  result.direction =
-      (pose.direction + TangentBasis(pose.direction) * step.segment<2>(3)).normalized();
-  result.inverse_baseline = std::clamp(pose.inverse_baseline + step[5],
-                                       1.0 / options.max_baseline_m, 1.0 / options.min_baseline_m);
-  return result;
-}
-
-double PriorCost(const RelativePose& pose, const EpipolarRefineOptions& options,
-                 EpipolarNormal* normal) {
-  const BaselinePriors& priors = options.priors;
-  const double s = pose.inverse_baseline;
-  const double variance = options.sigma_px * options.sigma_px;
-  double cost = 0.0;
-  if (priors.sigma_m > 0.0) {
-    const double residual = (1.0 / s - priors.length_m) / priors.sigma_m;
-    const double slope = -1.0 / (s * s * priors.sigma_m);
-    cost += variance * residual * residual;
-    if (normal != nullptr) {
-      normal->information(5, 5) += variance * slope * slope;
-      normal->gradient[5] += variance * slope * residual;
-    }
-  }
-  const double residual = std::log(s * priors.weak_length_m) / priors.weak_log_sigma;
-  const double slope = 1.0 / (s * priors.weak_log_sigma);
-  cost += variance * residual * residual;
-  if (normal != nullptr) {
-    normal->weak_information(5, 5) += variance * slope * slope;
-    normal->gradient[5] += variance * slope * residual;
-  }
-  return cost;
-}
-
 double Cost(std::span<const RayPair> pairs, std::span<const int> active, const RelativePose& pose,
             const EpipolarRefineOptions& options) {
-  double cost = PriorCost(pose, options, nullptr);
+  double cost = AddBaselinePriors(pose, options, nullptr);
   for (const int i : active) {
     const Constraint c(pose, pairs[i]);
     const double error = c.e * Weight(pose, pairs[i], c, options.weighting);
@@ -132,30 +94,76 @@ double SquaredSampsonError(const RelativePose& pose, const RayPair& pair) noexce
   return c.e * c.e / SquaredPixelGradient(pose, pair, c);
 }
 
+RelativePose Perturb(const RelativePose& pose, const Vec6& step,
+                     const EpipolarRefineOptions& options) noexcept {
+  RelativePose result;
+  result.rotation = Quat(ExpSo3(step.head<3>()).toRotationMatrix() * pose.rotation)
+                        .normalized()
+                        .toRotationMatrix();
+  result.direction =
+      (pose.direction + TangentBasis(pose.direction) * step.segment<2>(3)).normalized();
+  result.inverse_baseline = std::clamp(pose.inverse_baseline + step[5],
+                                       1.0 / options.max_baseline_m, 1.0 / options.min_baseline_m);
+  return result;
+}
+
+double AddBaselinePriors(const RelativePose& pose, const EpipolarRefineOptions& options,
+                         EpipolarNormal* normal) noexcept {
+  const BaselinePriors& priors = options.priors;
+  const double s = pose.inverse_baseline;
+  const double variance = options.sigma_px * options.sigma_px;
+  double cost = 0.0;
+  if (priors.sigma_m > 0.0) {
+    const double residual = (1.0 / s - priors.length_m) / priors.sigma_m;
+    const double slope = -1.0 / (s * s * priors.sigma_m);
+    cost += variance * residual * residual;
+    if (normal != nullptr) {
+      normal->information(5, 5) += variance * slope * slope;
+      normal->gradient[5] += variance * slope * residual;
+    }
+  }
+  const double residual = std::log(s * priors.weak_length_m) / priors.weak_log_sigma;
+  const double slope = 1.0 / (s * priors.weak_log_sigma);
+  cost += variance * residual * residual;
+  if (normal != nullptr) {
+    normal->weak_information(5, 5) += variance * slope * slope;
+    normal->gradient[5] += variance * slope * residual;
+  }
+  return cost;
+}
+
+void AddEpipolar(const RelativePose& pose, const Eigen::Matrix<double, 3, 2>& tangent_basis,
+                 const RayPair& pair, const EpipolarRefineOptions& options,
+                 EpipolarNormal* normal) noexcept {
+  const Constraint c(pose, pair);
+  const double weight = Weight(pose, pair, c, options.weighting);
+  Vec6 jacobian;
+  jacobian.head<3>() =
+      pose.inverse_baseline * c.w.cross(c.n) + c.v.cross(pair.b.ray.direction.cross(c.m));
+  jacobian.segment<2>(3) = tangent_basis.transpose() * c.n;
+  jacobian[5] = (c.w - pair.b.ray.origin).dot(c.n);
+  jacobian *= weight;
+  const double error = weight * c.e;
+  if (!std::isfinite(error)) return;
+  const double squared_error = error * error;
+  const double robust_weight = options.loss.Weight(squared_error);
+  normal->cost += options.loss.Rho(squared_error);
+  normal->information.noalias() += robust_weight * jacobian * jacobian.transpose();
+  normal->gradient.noalias() += robust_weight * error * jacobian;
+}
+
+double ParallaxNoise(const RayPair& pair, double sigma_px) noexcept {
+  return 4.0 * sigma_px *
+         (pair.a.d_direction_d_pixel.norm() + pair.b.d_direction_d_pixel.norm()) / 2.0;
+}
+
 EpipolarNormal LineariseEpipolar(std::span<const RayPair> pairs, std::span<const int> active,
                                  const RelativePose& pose,
                                  const EpipolarRefineOptions& options) noexcept {
   EpipolarNormal normal;
   const Eigen::Matrix<double, 3, 2> basis = TangentBasis(pose.direction);
-  const double s = pose.inverse_baseline;
-  for (const int i : active) {
-    const RayPair& pair = pairs[i];
-    const Constraint c(pose, pair);
-    const double weight = Weight(pose, pair, c, options.weighting);
-    Vec6 jacobian;
-    jacobian.head<3>() = s * c.w.cross(c.n) + c.v.cross(pair.b.ray.direction.cross(c.m));
-    jacobian.segment<2>(3) = basis.transpose() * c.n;
-    jacobian[5] = (c.w - pair.b.ray.origin).dot(c.n);
-    jacobian *= weight;
-    const double error = weight * c.e;
-    if (!std::isfinite(error)) continue;  // both rays through both centres: it tells nothing
-    const double squared_error = error * error;
-    const double robust_weight = options.loss.Weight(squared_error);
-    normal.cost += options.loss.Rho(squared_error);
-    normal.information.noalias() += robust_weight * jacobian * jacobian.transpose();
-    normal.gradient.noalias() += robust_weight * error * jacobian;
-  }
-  normal.cost += PriorCost(pose, options, &normal);
+  for (const int i : active) AddEpipolar(pose, basis, pairs[i], options, &normal);
+  normal.cost += AddBaselinePriors(pose, options, &normal);
   return normal;
 }
 
@@ -177,7 +185,7 @@ int RefineEpipolar(std::span<const RayPair> pairs, std::span<const int> active,
     const Vec6 step = factor.solve(-normal.gradient);
     if (!step.allFinite()) return iteration;
     if (-step.dot(normal.gradient) < 1e-10 * normal.cost) break;
-    const RelativePose candidate = Update(*pose, step, options);
+    const RelativePose candidate = Perturb(*pose, step, options);
     if (Cost(pairs, active, candidate, options) < normal.cost) {
       *pose = candidate;
       normal = LineariseEpipolar(pairs, active, *pose, options);

@@ -87,6 +87,22 @@ struct EpipolarNormal {
 // The columns span the plane orthogonal to a unit direction.
 Eigen::Matrix<double, 3, 2> TangentBasis(const Vec3& direction) noexcept;
 
+// The update of the refinements: the direction stays unit, the baseline within its bounds.
+RelativePose Perturb(const RelativePose& pose, const Vec6& step,
+                     const EpipolarRefineOptions& options) noexcept;
+
+// One pair's share of everything but the priors; nothing when both rays pass both centres.
+void AddEpipolar(const RelativePose& pose, const Eigen::Matrix<double, 3, 2>& tangent_basis,
+                 const RayPair& pair, const EpipolarRefineOptions& options,
+                 EpipolarNormal* normal) noexcept;
+
+// The priors on the baseline: their cost is returned, the rest added.
+double AddBaselinePriors(const RelativePose& pose, const EpipolarRefineOptions& options,
+                         EpipolarNormal* normal) noexcept;
+
+// Four standard deviations of the angle between the two rays: a parallax below it tells no depth.
+double ParallaxNoise(const RayPair& pair, double sigma_px) noexcept;  // rad
+
 EpipolarNormal LineariseEpipolar(std::span<const RayPair> pairs, std::span<const int> active,
                                  const RelativePose& pose,
                                  const EpipolarRefineOptions& options) noexcept;

@@ -114,6 +114,7 @@ void AnchorScale(const StandIn& stand_in, std::span<const int> active,
 class Problem {
  public:
   static constexpr int kSampleSize = kFivePointSampleSize;
+  static constexpr int kErrorDof = 1;
   using Model = RelativePose;
   using Models = StaticVector<RelativePose, 20>;
 
@@ -227,6 +228,8 @@ Status TwoViewOptions::Validate() const noexcept {
   if (!(loss.scale > 0.0)) return Fail(Errc::kInvalidArgument, "loss.scale");
   if (max_refine_iterations < 0)
     return Fail(Errc::kInvalidArgument, "max_refine_iterations", max_refine_iterations);
+  if (max_bundle_iterations < 0)
+    return Fail(Errc::kInvalidArgument, "max_bundle_iterations", max_bundle_iterations);
   if (!(nominal_range_m > 0.0)) return Fail(Errc::kInvalidArgument, "nominal_range_m");
   if (!(sigma_baseline_m >= 0.0)) return Fail(Errc::kInvalidArgument, "sigma_baseline_m");
   if (!(min_baseline_m > 0.0)) return Fail(Errc::kInvalidArgument, "min_baseline_m");
@@ -250,11 +253,12 @@ TwoViewEstimator::TwoViewEstimator(std::uint32_t capacity)
       active_(capacity),
       values_(capacity),
       mask_(capacity),
-      points_(capacity) {}
+      points_(capacity),
+      bundle_(capacity) {}
 
 std::size_t TwoViewEstimator::bytes() const {
   return pairs_.bytes() + workspace_.bytes() + active_.bytes() + values_.bytes() + mask_.bytes() +
-         points_.bytes();
+         points_.bytes() + bundle_.bytes();
 }
 
 Status TwoViewEstimator::Prepare(const AnyCamera& camera_a, const AnyCamera& camera_b,
@@ -310,21 +314,20 @@ Status TwoViewEstimator::CheckCheirality(const RelativePose& pose, const TwoView
   values_.clear();
   int in_front = 0, judged = 0;
   const Rigid3 a_from_b = pose.ToRigid().Inverse();
-  for (const int i : active_) {
-    const RayPair& pair = pairs_[i];
+  for (std::size_t k = 0; k < active_.size(); ++k) {
+    const RayPair& pair = pairs_[active_[k]];
     double range_a = 0.0, range_b = 0.0, angle = 0.0;
     const bool meet = MeetingRanges(pose, pair, &range_a, &range_b, &angle);
     values_.TryPushBack(meet ? angle : 0.0);
-    // Four standard deviations of the angle between the two rays.
-    const double noise_angle =
-        4.0 * report->sigma_px *
-        (pair.a.d_direction_d_pixel.norm() + pair.b.d_direction_d_pixel.norm()) / 2.0;
     mask_[pair.index] = 1;
-    if (!meet || !(angle > noise_angle)) continue;  // too far to tell
+    if (!meet || !(angle > ParallaxNoise(pair, report->sigma_px))) continue;  // too far to tell
     ++judged;
     if (range_a > 0.0 && range_b > 0.0) {
       ++in_front;
-      points_[pair.index] = 0.5 * (pair.a.ray.At(range_a) + a_from_b * pair.b.ray.At(range_b));
+      points_[pair.index] =
+          k < bundle_.size() && bundle_[k].has_point
+              ? bundle_[k].states[0].point_in_a
+              : Vec3(0.5 * (pair.a.ray.At(range_a) + a_from_b * pair.b.ray.At(range_b)));
     } else {
       mask_[pair.index] = 0;
     }
@@ -444,20 +447,37 @@ Status TwoViewEstimator::Describe(const RelativePose& pose, const EpipolarRefine
   return {};
 }
 
-Expected<TwoViewReport> TwoViewEstimator::RefineWithinWater(const AnyCamera& camera_a,
+Expected<TwoViewReport> TwoViewEstimator::RefineWithinWater(const TwoViewImages& images,
                                                             const TwoViewOptions& options,
                                                             const RelativePose& pose,
                                                             const TwoViewReport& report) {
   const Expected<TwoViewReport> result =
-      RefineAndJudge(camera_a, options, options.default_range_log_sigma, pose, report);
+      RefineAndJudge(images, options, options.default_range_log_sigma, pose, report);
   if (result || result.error().where != kCheirality || options.sigma_baseline_m > 0.0)
     return result;
   double sigma_px = report.sigma_px;
   SelectInliers(pose, options.ransac.max_error_px, &sigma_px);
-  return RefineAndJudge(camera_a, options, 0.1 * options.default_range_log_sigma, pose, report);
+  return RefineAndJudge(images, options, 0.1 * options.default_range_log_sigma, pose, report);
 }
 
-Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const AnyCamera& camera_a,
+void TwoViewEstimator::AdjustBundle(const TwoViewImages& images, const TwoViewOptions& options,
+                                    EpipolarRefineOptions refine, RelativePose* pose,
+                                    TwoViewReport* report) {
+  bundle_.clear();
+  if (options.max_bundle_iterations == 0 ||
+      static_cast<int>(active_.size()) < options.min_inliers) {
+    return;
+  }
+  bundle_.TryResizeForOverwrite(active_.size());
+  refine.weighting = EpipolarWeighting::kSampson;
+  refine.sigma_px = report->sigma_px;
+  refine.loss.scale = options.loss.scale * report->sigma_px;
+  refine.max_iterations = options.max_bundle_iterations;
+  report->bundle_iterations +=
+      RefineTwoViewBundle(images, pairs_.span(), active_.span(), refine, bundle_.span(), pose);
+}
+
+Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const TwoViewImages& images,
                                                          const TwoViewOptions& options,
                                                          double range_log_sigma, RelativePose pose,
                                                          TwoViewReport report) {
@@ -477,11 +497,12 @@ Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const AnyCamera& camera
     if (active_.size() == before && std::abs(report.sigma_px - sigma_before) < 0.01 * sigma_before)
       break;
   }
+  AdjustBundle(images, options, refine, &pose, &report);
   report.num_inliers = static_cast<int>(active_.size());
   report.num_observations = static_cast<int>(num_observations_);
   report.num_unusable = report.num_observations - static_cast<int>(pairs_.size());
   // The share of the image within the threshold of a line across it.
-  const double width = camera_a.width(), height = camera_a.height();
+  const double width = images.camera_a->width(), height = images.camera_a->height();
   const double chance = 2.0 * max_error_px * std::hypot(width, height) / (width * height);
   if (report.num_inliers < options.min_inliers ||
       !IsMeaningful(report.num_inliers, static_cast<int>(pairs_.size()), kFivePointSampleSize,
@@ -517,7 +538,7 @@ Expected<TwoViewReport> TwoViewEstimator::Estimate(const AnyCamera& camera_a,
   TwoViewReport report;
   report.ransac = *ransac;
   SelectInliers(pose, options.ransac.max_error_px, &report.sigma_px);
-  return RefineWithinWater(camera_a, options, pose, report);
+  return RefineWithinWater({&camera_a, &camera_b, pixels_a, pixels_b}, options, pose, report);
 }
 
 Expected<TwoViewReport> TwoViewEstimator::Refine(const AnyCamera& camera_a,
@@ -540,7 +561,7 @@ Expected<TwoViewReport> TwoViewEstimator::Refine(const AnyCamera& camera_a,
   TwoViewReport report;
   // The first round takes everything, its noise being that of the start.
   SelectInliers(pose, std::numeric_limits<double>::max(), &report.sigma_px);
-  return RefineWithinWater(camera_a, options, pose, report);
+  return RefineWithinWater({&camera_a, &camera_b, pixels_a, pixels_b}, options, pose, report);
 }
 
 }  // namespace rsfm

@@ -2,8 +2,9 @@
 //
 // The five-point solver of a central stand-in proposes, LO-RANSAC scores and locally optimises each
 // proposal on the refracted rays in all six degrees of freedom, so that no correspondence is lost
-// to the approximation; the virtual epipolar cost is then refined with a robust loss, and what the
-// data do not determine is named.   [after She 2024, arXiv:2403.08640, "Relative Pose Estimation"]
+// to the approximation; the virtual epipolar cost is then refined with a robust loss, pose and
+// points are adjusted by the true image error, and what the data do not determine is named.
+// [after She 2024, arXiv:2403.08640, "Relative Pose Estimation"]
 //   The central stand-in sees a point by its direction from the point nearest to all rays, for the
 //   point of each ray at
 // `nominal_range_m`: exact at that range for any lens and port, where the paper's best-fit pinhole
@@ -19,6 +20,7 @@
 #include "rsfm/base/rigid3.h"
 #include "rsfm/estimation/ransac.h"
 #include "rsfm/estimation/ray_pair.h"
+#include "rsfm/estimation/two_view_bundle.h"
 #include "rsfm/refraction/any_camera.h"
 
 namespace rsfm {
@@ -30,6 +32,7 @@ struct TwoViewOptions {
   EpipolarWeighting weighting = EpipolarWeighting::kSampson;  // of the closing refinement
   RobustLoss loss = {LossType::kCauchy, 2.4};  // of that refinement, in units of the noise it finds
   int max_refine_iterations = 20;              // in each of at most 3 rounds: the bound
+  int max_bundle_iterations = 10;              // of the closing bundle adjustment; 0: none
   double nominal_range_m = 5.0;                // where the central stand-in is exact
 
   // The baseline's length from navigation; sigma 0: not known.
@@ -75,6 +78,7 @@ struct TwoViewReport {
   int num_observations = 0;
   int num_unusable = 0;  // not finite or without a ray: never inliers
   int refine_iterations = 0;
+  int bundle_iterations = 0;
   RansacReport ransac;  // zeros after Refine()
 };
 
@@ -104,8 +108,8 @@ class TwoViewEstimator {
                                  const Rigid3& b_from_a_start,
                                  const TwoViewOptions& options) noexcept;
 
-  // Of the last success, as long as its input. Points are midpoints of the rays, in camera a, NaN
-  // for outliers and for inliers too far to have a parallax above the noise.
+  // Of the last success, as long as its input. Points in camera a (midpoints of the rays without
+  // bundle adjustment), NaN for outliers and for inliers too far to have a parallax above the noise.
   std::span<const std::uint8_t> inlier_mask() const { return mask_.span(); }
   std::span<const Vec3> points_in_a() const { return points_.span(); }
   int capacity() const { return static_cast<int>(mask_.capacity()); }
@@ -117,14 +121,17 @@ class TwoViewEstimator {
                  const TwoViewOptions& options);
   void SelectInliers(const RelativePose& pose, double max_error_px, double* sigma_px);
   // With a weak prior on the range of the given width.
-  Expected<TwoViewReport> RefineAndJudge(const AnyCamera& camera_a, const TwoViewOptions& options,
+  Expected<TwoViewReport> RefineAndJudge(const TwoViewImages& images, const TwoViewOptions& options,
                                          double range_log_sigma, RelativePose pose,
                                          TwoViewReport report);
   // The same with the options' prior; again with a narrow one when the length that fits best would
   // put points behind the port: cheirality is a bound that the refinement itself does not know.
-  Expected<TwoViewReport> RefineWithinWater(const AnyCamera& camera_a,
+  Expected<TwoViewReport> RefineWithinWater(const TwoViewImages& images,
                                             const TwoViewOptions& options, const RelativePose& pose,
                                             const TwoViewReport& report);
+  // Moves the pose to the least true image error of the active pairs; fills bundle_ alike.
+  void AdjustBundle(const TwoViewImages& images, const TwoViewOptions& options,
+                    EpipolarRefineOptions refine, RelativePose* pose, TwoViewReport* report);
   Status CheckCheirality(const RelativePose& pose, const TwoViewOptions& options,
                          TwoViewReport* report);
   Status CheckDegeneracy(const RelativePose& pose, const TwoViewOptions& options,
@@ -142,6 +149,7 @@ class TwoViewEstimator {
   FixedVector<double> values_;  // for medians
   FixedVector<std::uint8_t> mask_;
   FixedVector<Vec3> points_;
+  FixedVector<BundlePair> bundle_;
   std::size_t num_observations_ = 0;
 };
 

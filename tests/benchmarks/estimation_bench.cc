@@ -9,10 +9,15 @@
 
 #include "rsfm/estimation/absolute_pose.h"
 #include "rsfm/estimation/five_point.h"
+#include "rsfm/estimation/generalised_eight_point.h"
+#include "rsfm/estimation/generalised_pnp.h"
 #include "rsfm/estimation/gp3p.h"
 #include "rsfm/estimation/p3p.h"
+#include "rsfm/estimation/seventeen_point.h"
 #include "rsfm/estimation/triangulation.h"
 #include "rsfm/estimation/two_view.h"
+#include "rsfm/estimation/upright_absolute_pose.h"
+#include "rsfm/estimation/upright_relative_pose.h"
 #include "tests/benchmarks/paper_estimation.h"
 #include "tests/estimation/scenes.h"
 
@@ -87,6 +92,89 @@ void FivePoint(benchmark::State& state) {
   }
 }
 BENCHMARK(FivePoint);
+
+void UprightAbsolute(benchmark::State& state) {
+  const std::vector<AbsoluteSample> samples = AbsoluteSamples(RigKind::kFlat);
+  const Vec3 down = Vec3(0.1, -0.2, 1.0).normalized();
+  std::size_t i = 0;
+  for (auto _ : state) {
+    const AbsoluteSample& sample = samples[i++ % kProblems];
+    benchmark::DoNotOptimize(SolveUprightAbsolutePose(
+        std::array<Ray3, 2>{sample.rays[0], sample.rays[1]},
+        std::array<Vec3, 2>{sample.points[0], sample.points[1]}, down, down));
+  }
+}
+BENCHMARK(UprightAbsolute);
+
+void GeneralisedPnp(benchmark::State& state) {
+  Rng rng(6);
+  const AnyCamera camera = RandomRig(RigKind::kFlat, &rng);
+  const AbsoluteScene scene =
+      MakeAbsoluteScene(camera, 1.0, 0.0, static_cast<int>(state.range(0)), &rng);
+  std::vector<Ray3> rays(scene.pixels.size());
+  for (std::size_t i = 0; i < rays.size(); ++i) (void)camera.Backproject(scene.pixels[i], &rays[i]);
+  for (auto _ : state) benchmark::DoNotOptimize(SolveGeneralisedPnp(rays, scene.points_in_world));
+}
+BENCHMARK(GeneralisedPnp)->Arg(6)->Arg(100)->Unit(benchmark::kMicrosecond);
+
+// The solvers on the rays of two views behind flat ports.
+struct RelativeSample {
+  std::array<Ray3, 17> a, b;
+  Rigid3 b_from_a;
+};
+std::vector<RelativeSample> RelativeSamples() {
+  Rng rng(7);
+  std::vector<RelativeSample> samples(128);
+  for (RelativeSample& sample : samples) {
+    const AnyCamera camera = RandomRig(RigKind::kFlat, &rng);
+    const RelativeScene scene = MakeRelativeScene(
+        camera, PaperSecondCamera(&rng), [](Rng* r, const Ray3&) { return r->Uniform(6.0, 8.0); },
+        0.5, 0.0, 17, &rng);
+    sample.b_from_a = scene.b_from_a;
+    for (int i = 0; i < 17; ++i) {
+      (void)camera.Backproject(scene.pixels_a[i], &sample.a[i]);
+      (void)camera.Backproject(scene.pixels_b[i], &sample.b[i]);
+    }
+  }
+  return samples;
+}
+
+void SeventeenPoint(benchmark::State& state) {
+  const std::vector<RelativeSample> samples = RelativeSamples();
+  std::size_t i = 0;
+  for (auto _ : state) {
+    const RelativeSample& sample = samples[i++ % samples.size()];
+    benchmark::DoNotOptimize(SolveSeventeenPoint(sample.a, sample.b));
+  }
+}
+BENCHMARK(SeventeenPoint)->Unit(benchmark::kMicrosecond);
+
+void GeneralisedEightPoint(benchmark::State& state) {
+  const std::vector<RelativeSample> samples = RelativeSamples();
+  std::size_t i = 0;
+  for (auto _ : state) {
+    const RelativeSample& sample = samples[i++ % samples.size()];
+    Rigid3 pose;
+    benchmark::DoNotOptimize(SolveGeneralisedEightPoint(
+        std::span<const Ray3, 17>(sample.a).first<8>(),
+        std::span<const Ray3, 17>(sample.b).first<8>(), Mat3::Identity(), &pose));
+  }
+}
+BENCHMARK(GeneralisedEightPoint)->Unit(benchmark::kMicrosecond);
+
+void UprightRelative(benchmark::State& state) {
+  const std::vector<RelativeSample> samples = RelativeSamples();
+  const Vec3 down = Vec3::UnitY();
+  std::size_t i = 0;
+  for (auto _ : state) {
+    const RelativeSample& s = samples[i++ % samples.size()];
+    benchmark::DoNotOptimize(SolveUprightRelativePose(
+        std::array<Vec3, 3>{s.a[0].direction, s.a[1].direction, s.a[2].direction},
+        std::array<Vec3, 3>{s.b[0].direction, s.b[1].direction, s.b[2].direction}, down,
+        s.b_from_a.rotation * down));
+  }
+}
+BENCHMARK(UprightRelative);
 
 double Seconds(std::chrono::steady_clock::time_point since) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();

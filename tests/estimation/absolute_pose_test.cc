@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <limits>
 
 #include "tests/estimation/scenes.h"
@@ -91,6 +92,63 @@ TEST(AbsolutePose, SurvivesSixtyPercentOutliers) {
     EXPECT_LT(
         Degrees(AngleBetween(report->camera_from_world.rotation, scene.camera_from_world.rotation)),
         0.05);
+  }
+}
+
+// Samples of two points instead of three: three in four points may be wrong.
+TEST(AbsolutePose, TakesGravityFromAnAttitudeSensor) {
+  Rng rng(31);
+  AbsolutePoseEstimator estimator(200);
+  int samples_of_two = 0, samples_of_three = 0;
+  for (const RigKind kind :
+       {RigKind::kNone, RigKind::kFlat, RigKind::kDome, RigKind::kCentredDome}) {
+    for (int k = 0; k < 5; ++k) {
+      const AnyCamera camera = RandomRig(kind, &rng);
+      const AbsoluteScene scene = MakeAbsoluteScene(camera, 0.5, 0.75, 200, &rng);
+      AbsolutePoseOptions options = PaperOptions();
+      const auto plain = estimator.Estimate(camera, scene.pixels, scene.points_in_world, options);
+      if (plain) samples_of_three += plain->ransac.iterations;
+      options.down_in_world = Vec3(0.1, -0.1, 1.0).normalized();
+      // An attitude that is off by a twentieth of a degree.
+      options.down_in_camera = ExpSo3(Vec3(0.0009, 0.0, 0.0)) *
+                               (scene.camera_from_world.rotation * options.down_in_world);
+      const auto report = estimator.Estimate(camera, scene.pixels, scene.points_in_world, options);
+      ASSERT_TRUE(report) << report.error().where;
+      samples_of_two += report->ransac.iterations;
+      EXPECT_LT(Degrees(AngleBetween(report->camera_from_world.rotation,
+                                     scene.camera_from_world.rotation)),
+                0.08);
+    }
+  }
+  EXPECT_LT(2 * samples_of_two, samples_of_three);
+  AbsolutePoseOptions options;
+  options.down_in_camera = Vec3(0.0, 0.0, 1.0);
+  EXPECT_STREQ(options.Validate().error().where, "down_in_world");
+  options.down_in_world = Vec3(0.0, kNan, 1.0);
+  EXPECT_STREQ(options.Validate().error().where, "down_in_world");
+}
+
+TEST(AbsolutePose, EveryScoringAndOrderGivesThePose) {
+  Rng rng(32);
+  AbsolutePoseEstimator estimator(200);
+  for (int k = 0; k < 10; ++k) {
+    const AnyCamera camera = RandomRig(k % 2 == 0 ? RigKind::kFlat : RigKind::kDome, &rng);
+    AbsoluteScene scene = MakeAbsoluteScene(camera, 0.5, 0.5, 200, &rng);
+    std::reverse(scene.pixels.begin(), scene.pixels.end());  // the outliers last
+    std::reverse(scene.points_in_world.begin(), scene.points_in_world.end());
+    for (const RansacScoring scoring : {RansacScoring::kMsac, RansacScoring::kMagsac}) {
+      for (const bool sorted : {false, true}) {
+        AbsolutePoseOptions options = PaperOptions();
+        options.ransac.scoring = scoring;
+        options.ransac.sorted_by_quality = sorted;
+        const auto report =
+            estimator.Estimate(camera, scene.pixels, scene.points_in_world, options);
+        ASSERT_TRUE(report) << report.error().where;
+        EXPECT_LT(Degrees(AngleBetween(report->camera_from_world.rotation,
+                                       scene.camera_from_world.rotation)),
+                  0.05);
+      }
+    }
   }
 }
 

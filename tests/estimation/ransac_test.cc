@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 #include <vector>
 
@@ -141,6 +142,110 @@ TEST(Ransac, KeepsItsBounds) {
   const auto by_evaluations = Ransac(problem, options, &workspace, &line);
   ASSERT_TRUE(by_evaluations);
   EXPECT_LT(by_evaluations->evaluations, 2000 + 100 * (options.max_refinements + 1));
+}
+
+TEST(Ransac, StopsWhenAskedAndSaysWhy) {
+  Rng rng(4);
+  std::vector<Vec2> points;
+  for (int i = 0; i < 100; ++i) points.emplace_back(rng.Uniform(-10, 10), rng.Uniform(-1e4, 1e4));
+  LineProblem problem(points);
+  RansacWorkspace workspace(100);
+  Vec2 line;
+  RansacOptions options = Options();
+  options.max_iterations = 50;
+  EXPECT_EQ(Ransac(problem, options, &workspace, &line)->end, RansacEnd::kMaxIterations);
+  options.max_evaluations = 500;
+  EXPECT_EQ(Ransac(problem, options, &workspace, &line)->end, RansacEnd::kMaxEvaluations);
+  options.max_evaluations = 1'000'000;
+  int budget = 7;
+  options.stop_context = &budget;
+  options.stop = [](void* context) { return --*static_cast<int*>(context) == 0; };
+  const auto stopped = Ransac(problem, options, &workspace, &line);
+  ASSERT_TRUE(stopped);
+  EXPECT_EQ(stopped->end, RansacEnd::kStopped);
+  EXPECT_EQ(stopped->iterations, 7);
+  const std::vector<Vec2> good = NoisyLine(100, 0.2, 0.1, 3);
+  LineProblem easy(good);
+  options.stop = nullptr;
+  EXPECT_EQ(Ransac(easy, options, &workspace, &line)->end, RansacEnd::kConfidence);
+}
+
+// Sorted so that the wrong ones come last, nine wrong ones among ten cost few samples.
+TEST(Ransac, SortedObservationsNeedFewerSamples) {
+  int sorted_samples = 0, plain_samples = 0;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    std::vector<Vec2> points = NoisyLine(300, 0.9, 0.1, seed);
+    std::reverse(points.begin(), points.end());  // NoisyLine's outliers come first
+    LineProblem problem(points);
+    RansacWorkspace workspace(300);
+    Vec2 line;
+    RansacOptions options = Options();
+    options.seed = seed;
+    options.max_iterations = 5000;
+    const auto plain = Ransac(problem, options, &workspace, &line);
+    ASSERT_TRUE(plain);
+    plain_samples += plain->iterations;
+    options.sorted_by_quality = true;
+    const auto sorted = Ransac(problem, options, &workspace, &line);
+    ASSERT_TRUE(sorted);
+    sorted_samples += sorted->iterations;
+    EXPECT_NEAR(line.x(), 2.0, 0.1) << seed;
+    EXPECT_NEAR(sorted->inlier_ratio, sorted->num_inliers / 300.0, 1e-12);
+  }
+  EXPECT_LT(10 * sorted_samples, plain_samples);
+}
+
+// A wrong order costs time, not the result; every observation can be sampled in the end.
+TEST(Ransac, AWrongOrderStillFindsTheLine) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    const std::vector<Vec2> points = NoisyLine(200, 0.6, 0.1, seed);  // outliers first
+    LineProblem problem(points);
+    RansacWorkspace workspace(200);
+    Vec2 line;
+    RansacOptions options = Options();
+    options.seed = seed;
+    options.sorted_by_quality = true;
+    ASSERT_TRUE(Ransac(problem, options, &workspace, &line));
+    EXPECT_NEAR(line.x(), 2.0, 0.1) << seed;
+  }
+}
+
+// A threshold ten times too wide: the marginal loss minds it less than the truncated one.
+TEST(Ransac, MarginalScoringMindsAWideThresholdLess) {
+  double msac_error = 0.0, magsac_error = 0.0;
+  for (std::uint64_t seed = 1; seed <= 100; ++seed) {
+    const std::vector<Vec2> points = NoisyLine(200, 0.5, 0.1, seed);
+    LineProblem problem(points);
+    RansacWorkspace workspace(200);
+    Vec2 line;
+    RansacOptions options = Options();
+    options.seed = seed;
+    options.max_error_px = 5.0;
+    options.max_refinements = 0;
+    options.min_iterations = 300;
+    ASSERT_TRUE(Ransac(problem, options, &workspace, &line));
+    msac_error += std::abs(line.x() - 2.0);
+    options.scoring = RansacScoring::kMagsac;
+    ASSERT_TRUE(Ransac(problem, options, &workspace, &line));
+    magsac_error += std::abs(line.x() - 2.0);
+  }
+  EXPECT_LT(magsac_error, msac_error);
+}
+
+TEST(MagsacLoss, RisesFromZeroToOne) {
+  const auto check = [](const auto& loss) {
+    EXPECT_NEAR(loss(0.0), 0.0, 1e-12);
+    EXPECT_NEAR(loss(1.0), 1.0, 1e-12);
+    double last = 0.0;
+    for (int i = 1; i <= 1000; ++i) {
+      const double value = loss(1e-3 * i);
+      EXPECT_GE(value, last) << i;
+      EXPECT_GE(value, 1e-3 * i - 1e-9) << i;  // bends down from the truncated square's line
+      last = value;
+    }
+  };
+  check(internal::MagsacLoss<1>::Get());
+  check(internal::MagsacLoss<2>::Get());
 }
 
 TEST(Ransac, IgnoresObservationsThatAreNotFinite) {

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
+#include <algorithm>
 #include <limits>
 
 #include "tests/estimation/scenes.h"
@@ -130,6 +131,88 @@ TEST(TwoView, FindsTheLengthWhereRefractionIsStrong) {
   }
   EXPECT_EQ(known, 20);
   EXPECT_LT(normalised / 20.0, 3.0);
+}
+
+// Of pose and points: sum of squared image errors of the inliers with a point.
+double SquaredImageError(const AnyCamera& camera, const RelativeScene& scene, const Rigid3& pose,
+                         std::span<const Vec3> points) {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    Vec2 a, b;
+    if (!points[i].allFinite() || camera.Project(points[i], &a) != Projection::kOk ||
+        camera.Project(pose * points[i], &b) != Projection::kOk) {
+      continue;
+    }
+    sum += (a - scene.pixels_a[i]).squaredNorm() + (b - scene.pixels_b[i]).squaredNorm();
+  }
+  return sum;
+}
+
+TEST(TwoView, BundleAdjustmentReachesTheLeastImageError) {
+  Rng rng(21);
+  TwoViewEstimator estimator(200);
+  for (const RigKind kind :
+       {RigKind::kNone, RigKind::kFlat, RigKind::kDome, RigKind::kCentredDome}) {
+    for (int k = 0; k < 5; ++k) {
+      const AnyCamera camera = RandomRig(kind, &rng);
+      const RelativeScene scene = MakePaperRelativeScene(camera, 1.0, &rng);
+      TwoViewOptions options;
+      options.loss = {LossType::kNone, 1.0};
+      options.max_bundle_iterations = 0;
+      const auto plain =
+          estimator.Estimate(camera, camera, scene.pixels_a, scene.pixels_b, options);
+      ASSERT_TRUE(plain) << plain.error().where;
+      EXPECT_EQ(plain->bundle_iterations, 0);
+      const double before =
+          SquaredImageError(camera, scene, plain->b_from_a, estimator.points_in_a());
+      options.max_bundle_iterations = 10;
+      const auto report =
+          estimator.Estimate(camera, camera, scene.pixels_a, scene.pixels_b, options);
+      ASSERT_TRUE(report) << report.error().where;
+      EXPECT_GT(report->bundle_iterations, 0);
+      EXPECT_EQ(report->num_inliers, plain->num_inliers);
+      const std::vector<Vec3> points(estimator.points_in_a().begin(),
+                                     estimator.points_in_a().end());
+      const double after = SquaredImageError(camera, scene, report->b_from_a, points);
+      EXPECT_LE(after, before);
+      // One degree of freedom a point and a pixel of noise.
+      EXPECT_NEAR(after / report->num_inliers, 1.0, 0.45);
+      // A minimum: no step of a point is better.
+      for (std::size_t i = 0; i < points.size(); i += 7) {
+        if (!points[i].allFinite()) continue;
+        for (int axis = 0; axis < 3; ++axis) {
+          std::vector<Vec3> moved = points;
+          for (const double step : {-0.01, 0.01}) {
+            moved[i] = points[i] + step * Vec3::Unit(axis);
+            EXPECT_GE(SquaredImageError(camera, scene, report->b_from_a, moved),
+                      after - 1e-6 * after);
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(TwoView, EveryScoringAndOrderGivesThePose) {
+  Rng rng(22);
+  TwoViewEstimator estimator(200);
+  for (int k = 0; k < 4; ++k) {
+    const AnyCamera camera = RandomRig(k % 2 == 0 ? RigKind::kFlat : RigKind::kDome, &rng);
+    RelativeScene scene = MakePaperRelativeScene(camera, 0.5, &rng);
+    std::reverse(scene.pixels_a.begin(), scene.pixels_a.end());  // the outliers last
+    std::reverse(scene.pixels_b.begin(), scene.pixels_b.end());
+    for (const RansacScoring scoring : {RansacScoring::kMsac, RansacScoring::kMagsac}) {
+      for (const bool sorted : {false, true}) {
+        TwoViewOptions options;
+        options.ransac.scoring = scoring;
+        options.ransac.sorted_by_quality = sorted;
+        const auto report =
+            estimator.Estimate(camera, camera, scene.pixels_a, scene.pixels_b, options);
+        ASSERT_TRUE(report) << report.error().where;
+        EXPECT_LT(Degrees(AngleBetween(report->b_from_a.rotation, scene.b_from_a.rotation)), 0.4);
+      }
+    }
+  }
 }
 
 TEST(TwoView, MixesCameras) {

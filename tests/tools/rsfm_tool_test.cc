@@ -116,6 +116,27 @@ TEST_F(ToolTest, HelpAndWrongRequests) {
   EXPECT_THAT(unknown.err, HasSubstr("error: 'frobnicate' is not a verb"));
 }
 
+TEST_F(ToolTest, EvaluateSolversWritesTablesAndFigures) {
+  const ProgramResult done =
+      Run("evaluate-solvers --figure abs_pose --port dome --noise 0.5,1 --experiments 3 --out " +
+          Path("solvers"));
+  ASSERT_EQ(done.exit_code, 0) << done.err;
+  const auto csv = ReadWholeFile(Path("solvers/abs_pose_dome.csv"));
+  ASSERT_TRUE(csv);
+  EXPECT_EQ(std::count(csv->begin(), csv->end(), '\n'), 7);  // a header, two levels, three methods
+  EXPECT_THAT(*csv, HasSubstr("\n0.5,gp3p_refined,3,0,"));
+  EXPECT_TRUE(fs::exists(Path("solvers/abs_pose_dome.svg")));
+  EXPECT_TRUE(fs::exists(Path("solvers/abs_pose_dome_bound.csv")));
+  const std::string out = " --out " + Path("nothing");
+  EXPECT_EQ(Run("evaluate-solvers --figure pose" + out).exit_code, 2);
+  EXPECT_EQ(Run("evaluate-solvers --port round" + out).exit_code, 2);
+  EXPECT_EQ(Run("evaluate-solvers --experiments 0" + out).exit_code, 2);
+  const ProgramResult noise = Run("evaluate-solvers --experiments 1 --noise -1" + out);
+  EXPECT_EQ(noise.exit_code, 2);
+  EXPECT_THAT(noise.err, HasSubstr("--noise"));
+  EXPECT_FALSE(fs::exists(Path("nothing")));
+}
+
 TEST_F(ToolTest, ProjectAndBackprojectAreInverse) {
   const std::string camera = Write("camera.yaml", kCamera);
   const std::string pixels = "320 240\n0 0\n640 480\n17.25 400.125\n";

@@ -106,15 +106,27 @@ struct Plot::Axes {
   Vec2 At(double vx, double vy) const { return {X(vx), Y(vy)}; }
 };
 
+std::vector<double> Plot::OnAxis(std::vector<double> y) const {
+  if (!options_.y_log) return y;
+  for (double& value : y)
+    value = value > 0.0 ? std::log10(value) : std::numeric_limits<double>::quiet_NaN();
+  return y;
+}
+
 void Plot::AddLine(std::string name, std::vector<double> x, std::vector<double> y,
                    const Stroke& stroke) {
-  series_.push_back({Kind::kLine, std::move(name), std::move(x), std::move(y), {}, stroke});
+  series_.push_back({Kind::kLine, std::move(name), std::move(x), OnAxis(std::move(y)), {}, stroke});
 }
 
 void Plot::AddDots(std::string name, std::vector<double> x, std::vector<double> y,
                    std::vector<Colour> colours, double radius) {
-  series_.push_back(
-      {Kind::kDots, std::move(name), std::move(x), std::move(y), std::move(colours), {}, radius});
+  series_.push_back({Kind::kDots,
+                     std::move(name),
+                     std::move(x),
+                     OnAxis(std::move(y)),
+                     std::move(colours),
+                     {},
+                     radius});
 }
 
 void Plot::AddBars(std::string name, std::vector<double> edges, std::vector<double> heights,
@@ -218,7 +230,11 @@ void Plot::DrawFrame(const Axes& axes, Canvas* canvas) const {
                  {kTickSize, TextStyle::Anchor::kMiddle});
   }
   double widest = 0.0;
-  for (const double value : ys) {
+  if (options_.y_log) {
+    DrawDecades(axes, canvas);
+    widest = Canvas::TextWidth("0.001", kTickSize);
+  }
+  for (const double value : options_.y_log ? std::vector<double>() : ys) {
     line({box.min.x(), axes.Y(value)}, {box.max.x(), axes.Y(value)}, {kGridColour, 1.0});
     const std::string text = FormatTick(value, y_step);
     widest = std::max(widest, Canvas::TextWidth(text, kTickSize));
@@ -230,6 +246,23 @@ void Plot::DrawFrame(const Axes& axes, Canvas* canvas) const {
   canvas->Text({std::max(16.0, box.min.x() - 18.0 - widest), 0.5 * (box.min.y() + box.max.y())},
                options_.y_label, {kLabelSize, TextStyle::Anchor::kMiddle, kInk, true});
   canvas->Text({box.min.x(), 24.0}, options_.title, {kTitleSize});
+}
+
+// A line at 1 to 9 times each power of ten, the powers by name.
+void Plot::DrawDecades(const Axes& axes, Canvas* canvas) const {
+  const Box& box = axes.box;
+  for (int decade = static_cast<int>(std::floor(axes.y.low)); decade <= axes.y.high; ++decade) {
+    for (int digit = 1; digit < 10; ++digit) {
+      const double value = decade + std::log10(digit);
+      if (value < axes.y.low || value > axes.y.high) continue;
+      const Vec2 ends[2] = {{box.min.x(), axes.Y(value)}, {box.max.x(), axes.Y(value)}};
+      canvas->Line(ends, {kGridColour, digit == 1 ? 1.4 : 0.5});
+      if (digit != 1) continue;
+      const double power = std::pow(10.0, decade);
+      canvas->Text({box.min.x() - 7.0, axes.Y(value) + 4.0}, FormatTick(power, power),
+                   {kTickSize, TextStyle::Anchor::kEnd});
+    }
+  }
 }
 
 void Plot::DrawSeries(const Series& series, const Axes& axes, Canvas* canvas) const {

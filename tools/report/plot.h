@@ -28,6 +28,7 @@ struct PlotOptions {
       false;            // a metre is as long on both axes: maps; the figure then fits the data
   bool y_down = false;  // values grow downwards: depth
   bool y_from_zero = false;
+  bool y_log = false;      // of lines and dots; values that are not positive are left out
   bool scale_bar = false;  // a bar of a round length in metres, lower right
 };
 
@@ -67,9 +68,11 @@ class Plot {
   };
   struct Axes;
 
+  std::vector<double> OnAxis(std::vector<double> y) const;  // decades with y_log
   Axes MakeAxes() const;
   Vec2 FitSize() const;
   void DrawFrame(const Axes& axes, Canvas* canvas) const;
+  void DrawDecades(const Axes& axes, Canvas* canvas) const;
   void DrawSeries(const Series& series, const Axes& axes, Canvas* canvas) const;
   void DrawLegend(Canvas* canvas, double left, double right) const;
   void DrawColourBar(const Axes& axes, Canvas* canvas) const;

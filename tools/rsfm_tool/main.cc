@@ -13,6 +13,7 @@
 #include "tools/rsfm_tool/verb_backproject.h"
 #include "tools/rsfm_tool/verb_check.h"
 #include "tools/rsfm_tool/verb_evaluate.h"
+#include "tools/rsfm_tool/verb_evaluate_solvers.h"
 #include "tools/rsfm_tool/verb_export.h"
 #include "tools/rsfm_tool/verb_info.h"
 #include "tools/rsfm_tool/verb_map.h"
@@ -65,6 +66,7 @@ int Main(int argc, char** argv) {
   verbs.Add(DeclareBackproject, RunBackproject);
   verbs.Add(DeclareCheck, RunCheck);
   verbs.Add(DeclareEvaluate, RunEvaluate);
+  verbs.Add(DeclareEvaluateSolvers, RunEvaluateSolvers);
   verbs.Add(DeclareExport, RunExport);
   verbs.Add(DeclareInfo, RunInfo);
   verbs.Add(DeclareMap, RunMap);
