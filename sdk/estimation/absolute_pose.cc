@@ -57,7 +57,8 @@ struct Hypothesis {
   Vec3 translation = Vec3::Zero();
 };
 
-// The RANSAC problem: poses from the rays of a sample, the first-order image error as the criterion.
+// The RANSAC problem: poses from the rays of a sample, the first-order image error as the
+// criterion.
 template <int kSize>
 class Problem {
  public:

@@ -2,7 +2,8 @@
 //
 // Pixels become refracted rays once; hypotheses in LO-RANSAC (GP3P; P3P without a port; two upright
 // points with known gravity) are scored and locally optimised on the first-order image error of
-// those rays; the best is refined by Levenberg-Marquardt on the true image error with a robust loss.
+// those rays; the best is refined by Levenberg-Marquardt on the true image error with a robust
+// loss.
 #pragma once
 
 #include <cstdint>

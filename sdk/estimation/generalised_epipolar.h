@@ -16,9 +16,7 @@ struct Line {
   Vec3 moment;
 };
 
-inline Line ToLine(const Ray3& ray) {
-  return {ray.direction, ray.origin.cross(ray.direction)};
-}
+inline Line ToLine(const Ray3& ray) { return {ray.direction, ray.origin.cross(ray.direction)}; }
 
 // The baseline's length |t| for a rotation R and a unit direction u of t: least squares of
 //   |t| u . (R d_a x d_b) + (d_b . R m_a + m_b . R d_a) = 0.   [Pless 2003, CVPR, eq. (7)]
@@ -29,8 +27,7 @@ inline double FitBaseline(const Mat3& rotation, const Vec3& direction, std::span
   for (std::size_t i = 0; i < a.size(); ++i) {
     const Vec3 turned = rotation * a[i].direction;
     const double slope = direction.dot(turned.cross(b[i].direction));
-    const double constant =
-        b[i].direction.dot(rotation * a[i].moment) + b[i].moment.dot(turned);
+    const double constant = b[i].direction.dot(rotation * a[i].moment) + b[i].moment.dot(turned);
     numerator -= slope * constant;
     denominator += slope * slope;
   }

@@ -22,8 +22,9 @@ struct GeneralisedPnpReport {
 //   sum |(I - d d') (R X + t - o)|^2,
 // over all rotations. t is eliminated; what is left is a quadratic in the nine entries of R, which
 // Gauss-Newton minimises over SO(3) from the rotations nearest to the three lowest eigenvectors of
-// its matrix and their opposites, at most 15 steps each; the lowest minimum with the points in front
-// is taken. Planes and cameras with a single centre are no exceptions, and the work is linear in N.
+// its matrix and their opposites, at most 15 steps each; the lowest minimum with the points in
+// front is taken. Planes and cameras with a single centre are no exceptions, and the work is linear
+// in N.
 //   [Terzakis & Lourakis 2020, ECCV, "A Consistently Fast and Globally Optimal Solution to the
 //   Perspective-n-Point Problem", with the linear term of rays that have origins of their own; the
 //   object-space error of Schweighofer & Pinz 2008, BMVC]

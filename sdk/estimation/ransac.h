@@ -54,15 +54,15 @@ struct RansacOptions {
 };
 
 enum class RansacEnd : std::uint8_t {
-  kConfidence,      // a better sample is unlikely
-  kMaxIterations,   // the bounds of the options
+  kConfidence,     // a better sample is unlikely
+  kMaxIterations,  // the bounds of the options
   kMaxEvaluations,
-  kStopped,         // by the caller's hook
+  kStopped,  // by the caller's hook
 };
 
 struct RansacReport {
   RansacEnd end = RansacEnd::kConfidence;
-  int iterations = 0;  // samples
+  int iterations = 0;            // samples
   int models = 0;                // hypotheses from samples
   int refinements = 0;           // local optimisations tried
   std::int64_t evaluations = 0;  // of one observation against one model
@@ -204,8 +204,8 @@ inline int RequiredSortedIterations(std::span<const int> inliers, int size, int 
     if (n < std::min(size, 20)) continue;
     const double by_chance = sample_size + kChance * n + 3.0 * std::sqrt(kChance * n);
     if (!is_last && count < by_chance) continue;
-    required = std::min(required,
-                        RequiredIterations(count, n, sample_size, confidence, max_iterations));
+    required =
+        std::min(required, RequiredIterations(count, n, sample_size, confidence, max_iterations));
   }
   return required;
 }
@@ -263,13 +263,13 @@ Expected<RansacReport> Ransac(P& problem, const RansacOptions& options, RansacWo
     if (improved) {
       internal::OptimiseLocally(problem, options, workspace, &model, &best_score, &report);
       internal::CollectInliers(problem, model, max_squared_error, &workspace->inliers);
-      required = options.sorted_by_quality
-                     ? internal::RequiredSortedIterations(workspace->inliers.span(), size,
-                                                          P::kSampleSize, options.confidence,
-                                                          options.max_iterations)
-                     : internal::RequiredIterations(static_cast<int>(workspace->inliers.size()),
-                                                    size, P::kSampleSize, options.confidence,
-                                                    options.max_iterations);
+      required =
+          options.sorted_by_quality
+              ? internal::RequiredSortedIterations(workspace->inliers.span(), size, P::kSampleSize,
+                                                   options.confidence, options.max_iterations)
+              : internal::RequiredIterations(static_cast<int>(workspace->inliers.size()), size,
+                                             P::kSampleSize, options.confidence,
+                                             options.max_iterations);
     }
     if (report.evaluations >= options.max_evaluations) {
       report.end = RansacEnd::kMaxEvaluations;

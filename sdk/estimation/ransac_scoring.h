@@ -49,8 +49,7 @@ class MagsacLoss {
   // The incomplete gamma functions: the lower of (n + 1) / 2, the upper of (n - 1) / 2.
   static double Lower(double x) noexcept {
     if constexpr (kDof == 1) return -std::expm1(-x);
-    return 0.5 * std::sqrt(std::numbers::pi) * std::erf(std::sqrt(x)) -
-           std::sqrt(x) * std::exp(-x);
+    return 0.5 * std::sqrt(std::numbers::pi) * std::erf(std::sqrt(x)) - std::sqrt(x) * std::exp(-x);
   }
   static double Upper(double x) noexcept {
     if constexpr (kDof == 1) return x > 0.0 ? -std::expint(-x) : 0.0;  // times x, whose limit is 0

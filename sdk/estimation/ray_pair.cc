@@ -153,8 +153,8 @@ void AddEpipolar(const RelativePose& pose, const Eigen::Matrix<double, 3, 2>& ta
 }
 
 double ParallaxNoise(const RayPair& pair, double sigma_px) noexcept {
-  return 4.0 * sigma_px *
-         (pair.a.d_direction_d_pixel.norm() + pair.b.d_direction_d_pixel.norm()) / 2.0;
+  return 4.0 * sigma_px * (pair.a.d_direction_d_pixel.norm() + pair.b.d_direction_d_pixel.norm()) /
+         2.0;
 }
 
 EpipolarNormal LineariseEpipolar(std::span<const RayPair> pairs, std::span<const int> active,

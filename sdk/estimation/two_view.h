@@ -109,7 +109,8 @@ class TwoViewEstimator {
                                  const TwoViewOptions& options) noexcept;
 
   // Of the last success, as long as its input. Points in camera a (midpoints of the rays without
-  // bundle adjustment), NaN for outliers and for inliers too far to have a parallax above the noise.
+  // bundle adjustment), NaN for outliers and for inliers too far to have a parallax above the
+  // noise.
   std::span<const std::uint8_t> inlier_mask() const { return mask_.span(); }
   std::span<const Vec3> points_in_a() const { return points_.span(); }
   int capacity() const { return static_cast<int>(mask_.capacity()); }

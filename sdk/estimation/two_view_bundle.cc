@@ -38,9 +38,9 @@ class Bundle {
     for (std::size_t k = 0; k < active_.size(); ++k) {
       const RayPair& pair = pairs_[active_[k]];
       double range_a = 0.0, range_b = 0.0, angle = 0.0;
-      memory_[k].has_point =
-          MeetingRanges(pose, pair, &range_a, &range_b, &angle) && range_a > 0.0 &&
-          range_b > 0.0 && angle > ParallaxNoise(pair, options_.sigma_px);
+      memory_[k].has_point = MeetingRanges(pose, pair, &range_a, &range_b, &angle) &&
+                             range_a > 0.0 && range_b > 0.0 &&
+                             angle > ParallaxNoise(pair, options_.sigma_px);
       if (!memory_[k].has_point) continue;
       const Vec3 point = 0.5 * (pair.a.ray.At(range_a) + a_from_b * pair.b.ray.At(range_b));
       memory_[k].states[0].point_in_a = point;

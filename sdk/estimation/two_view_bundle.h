@@ -20,7 +20,7 @@ struct TwoViewImages {
 struct BundlePair {
   struct State {
     Vec3 point_in_a = Vec3::Zero();
-    Vec3 step = Vec3::Zero();            // of the point towards its optimum ...
+    Vec3 step = Vec3::Zero();             // of the point towards its optimum ...
     Mat36 step_per_pose = Mat36::Zero();  // ... and what a step of the pose adds to it
   };
   std::array<State, 2> states;  // the best so far and the trial

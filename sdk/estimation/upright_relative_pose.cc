@@ -63,10 +63,8 @@ UprightRelativeSolutions SolveUprightRelativePose(
     std::span<const Vec3, kUprightRelativeSampleSize> bearings_in_b, const Vec3& down_in_a,
     const Vec3& down_in_b) noexcept {
   UprightRelativeSolutions solutions;
-  const Mat3 upright_from_a =
-      Quat::FromTwoVectors(down_in_a, Vec3::UnitZ()).toRotationMatrix();
-  const Mat3 upright_from_b =
-      Quat::FromTwoVectors(down_in_b, Vec3::UnitZ()).toRotationMatrix();
+  const Mat3 upright_from_a = Quat::FromTwoVectors(down_in_a, Vec3::UnitZ()).toRotationMatrix();
+  const Mat3 upright_from_b = Quat::FromTwoVectors(down_in_b, Vec3::UnitZ()).toRotationMatrix();
   std::array<Vec3, 3> a, b;
   std::array<QuadraticVector, 3> normals;
   for (int i = 0; i < 3; ++i) {

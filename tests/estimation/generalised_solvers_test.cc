@@ -109,8 +109,8 @@ TEST(GeneralisedRelativeSolvers, AreExactForARigOfCameras) {
     const Mat3 start =
         ExpSo3(Vec3(0.01, 0.01, -0.01)).toRotationMatrix() * b_from_a.rotation.toRotationMatrix();
     Rigid3 pose;
-    eight += SolveGeneralisedEightPoint(few.a, few.b, start, &pose) &&
-             Difference(pose, b_from_a) < 1e-6;
+    eight +=
+        SolveGeneralisedEightPoint(few.a, few.b, start, &pose) && Difference(pose, b_from_a) < 1e-6;
   }
   EXPECT_GE(seventeen, kCases * 95 / 100);
   EXPECT_GE(eight, kCases * 80 / 100);  // the rest are other minima close by
