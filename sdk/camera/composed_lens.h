@@ -49,7 +49,7 @@ class ComposedLens {
     if (!Base::template FromDirection<double>(direction, &p)) return LensStatus::kBehind;
     const double radius_squared = p.squaredNorm();
     if (!(radius_squared <= max_radius_squared_)) return LensStatus::kOutsideDomain;
-    if (Distortion::kIsRadial || radius_squared <= safe_radius_squared_) {
+    if (Distortion::kIsRadial || radius_squared < safe_radius_squared_) {
       Distortion::template Apply<double>(distortion(), p, &q);
     } else {
       Mat2 d_q_d_p;

@@ -219,7 +219,6 @@ TEST_P(PoseOfPointsTest, AllPointsAtOnceGiveThePose) {
         ASSERT_EQ(camera.Backproject(scene.pixels[i], &rays[i]), Projection::kOk);
       const auto report = SolveGeneralisedPnp(rays, scene.points_in_world);
       found += report && Difference(report->camera_from_world, scene.camera_from_world) < 1e-4;
-      if (report && report->num_behind == 0) EXPECT_GE(report->rms_distance_m, 0.0);
     }
     EXPECT_GE(found, kCases * 9 / 10) << count;
   }

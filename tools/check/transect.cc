@@ -1,14 +1,21 @@
 #include "tools/check/transect.h"
 
-#include <algorithm>
-#include <cmath>
+#include <ceres/ceres.h>
 
-#include "tools/offline/bundle.h"
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <vector>
+
+#include "rsfm/base/rigid3.h"
 
 namespace rsfm {
 namespace {
 
-constexpr int kMinObservations = 12;
+constexpr int kMinPoints = 12;
+// The corners of an image see farther than the middles of its sides, by less than this.
+constexpr double kBeyondMiddle = 1.5;
 
 // World: x along the track, y to the right, z down, the seabed at z = 0. The camera's image y axis
 // points backwards along the track.
@@ -49,48 +56,142 @@ Vec2 HalfFootprint(const PinholeInWater& pinhole, double altitude_m) {
   return half;
 }
 
-BundleProblem MakeStrip(const PinholeInWater& pinhole, const TransectOptions& options,
-                        const Vec2& half, double spacing_m, int num_images) {
-  BundleProblem problem;
-  const CameraConfig& config = pinhole.camera().config();
-  CameraConfig ideal;
-  ideal.lens = LensModel::kPinhole;
-  ideal.width = config.width;
-  ideal.height = config.height;
-  const BestFitPerspective& fit = pinhole.fit();
-  ideal.lens_params = {fit.fx, fit.fy, fit.cx, fit.cy};
-  problem.cameras = {ideal};
-  for (int i = 0; i < num_images; ++i)
-    problem.images.push_back({CameraFromWorld(i * spacing_m, options.altitude_m), 0, false});
-  const double step_along = 2.0 * half.x() / options.rows;
-  const double end = (num_images - 1) * spacing_m + half.x();
-  for (double along = -half.x() + 0.5 * step_along; along < end; along += step_along) {
+// A seabed point of the first step and the undistorted pixels in which the images about it see it:
+// image k is k steps ahead.
+struct Sighting {
+  int step;
+  Vec2 pixel;
+};
+struct StripPoint {
+  Vec3 in_camera;  // of image 0; what is adjusted
+  std::vector<Sighting> sightings;
+};
+
+std::vector<StripPoint> MakeStep(const PinholeInWater& pinhole, const TransectOptions& options,
+                                 const Vec2& half, double spacing_m) {
+  std::vector<StripPoint> points;
+  const int rows = std::max(2, static_cast<int>(std::lround(options.rows * spacing_m / half.x() / 2)));
+  const int reach = static_cast<int>(std::ceil(kBeyondMiddle * half.x() / spacing_m));
+  for (int row = 0; row < rows; ++row) {
     for (int column = 0; column < options.columns; ++column) {
-      const Vec3 point(along, half.y() * (2.0 * (column + 0.5) / options.columns - 1.0), 0.0);
-      std::vector<BundleObservation> seen;
-      for (int i = 0; i < num_images; ++i) {
-        if (std::abs(i * spacing_m - along) > 1.5 * half.x()) continue;
+      const Vec3 on_seabed(
+          spacing_m * ((row + 0.5) / rows - 0.5),
+          kBeyondMiddle * half.y() * (2.0 * (column + 0.5) / options.columns - 1.0), 0.0);
+      StripPoint point{CameraFromWorld(0.0, options.altitude_m) * on_seabed, {}};
+      for (int step = -reach; step <= reach; ++step) {
         Vec2 pixel;
-        if (Observe(pinhole, problem.images[i].camera_from_world * point, &pixel))
-          seen.push_back({i, static_cast<int>(problem.points.size()), pixel});
+        if (Observe(pinhole, CameraFromWorld(step * spacing_m, options.altitude_m) * on_seabed,
+                    &pixel)) {
+          point.sightings.push_back({step, pixel});
+        }
       }
-      if (seen.size() < 2) continue;
-      problem.points.push_back(point);
-      problem.observations.insert(problem.observations.end(), seen.begin(), seen.end());
+      if (point.sightings.size() >= 2) points.push_back(std::move(point));
     }
   }
-  return problem;
+  return points;
 }
 
-// Of a track, in its own length: the middle's distance from the line between the ends, along the
-// middle's own view.
-double Sagitta(const std::vector<BundleImage>& images) {
-  const auto place = [&](std::size_t i) { return images[i].camera_from_world.OriginOfTarget(); };
-  const std::size_t last = images.size() - 1;
-  // An even number of images has no middle one: the mean of the two.
-  const Vec3 middle = 0.5 * (place(last / 2) + place(last - last / 2));
-  const Vec3 down = images[last / 2].camera_from_world.rotation.conjugate() * Vec3::UnitZ();
-  return (middle - 0.5 * (place(0) + place(last))).dot(down);
+// A step is the motion exp(xi) of the seabed in the camera's frame, xi = (omega, v); the component
+// of v along the track is what holds the scale. Motion by k steps: exp(k xi), [Murray, Li & Sastry
+// 1994, A Mathematical Introduction to Robotic Manipulation, eq. 2.36].
+constexpr int kTwistSize = 5;  // omega, v across the track, v down
+
+template <class T>
+Vec3T<T> MoveBySteps(const T* twist, double spacing_m, double steps, const Vec3T<T>& point) {
+  const Vec3T<T> omega = T(steps) * Vec3T<T>(twist[0], twist[1], twist[2]);
+  const Vec3T<T> v = T(steps) * Vec3T<T>(twist[3], T(spacing_m), twist[4]);
+  const T square = omega.squaredNorm();
+  T a(1.0), b(0.5), c(1.0 / 6.0);  // sin(t)/t, (1 - cos t)/t^2, (t - sin t)/t^3
+  if (square > T(1e-6)) {
+    using std::cos;
+    using std::sin;
+    using std::sqrt;
+    const T angle = sqrt(square);
+    a = sin(angle) / angle;
+    b = (T(1.0) - cos(angle)) / square;
+    c = (T(1.0) - a) / square;
+  } else {
+    a -= square / T(6.0);
+    b -= square / T(24.0);
+    c -= square / T(120.0);
+  }
+  const Vec3T<T> of_point = omega.cross(point), of_v = omega.cross(v);
+  return point + a * of_point + b * omega.cross(of_point) + v + b * of_v + c * omega.cross(of_v);
+}
+
+struct SightingResidual {
+  double spacing_m;
+  const BestFitPerspective* pinhole;
+  Sighting sighting;
+
+  template <class T>
+  bool operator()(const T* twist, const T* point, T* residual) const {
+    const Vec3T<T> p = MoveBySteps<T>(twist, spacing_m, sighting.step,
+                                      Vec3T<T>(point[0], point[1], point[2]));
+    if (!(p.z() > T(0.0))) return false;
+    residual[0] = pinhole->fx * p.x() / p.z() + pinhole->cx - sighting.pixel.x();
+    residual[1] = pinhole->fy * p.y() / p.z() + pinhole->cy - sighting.pixel.y();
+    return true;
+  }
+};
+
+// Mean error in pixels; the twist and the points are adjusted.
+Expected<double> AdjustStep(const BestFitPerspective& pinhole, double spacing_m,
+                            std::vector<StripPoint>* points,
+                            std::array<double, kTwistSize>* twist) {
+  ceres::Problem problem;
+  auto* order = new ceres::ParameterBlockOrdering;
+  std::vector<SightingResidual> residuals;
+  for (StripPoint& point : *points) {
+    for (const Sighting& sighting : point.sightings) {
+      problem.AddResidualBlock(
+          new ceres::AutoDiffCostFunction<SightingResidual, 2, kTwistSize, 3>(
+              new SightingResidual{spacing_m, &pinhole, sighting}),
+          nullptr, twist->data(), point.in_camera.data());
+    }
+    order->AddElementToGroup(point.in_camera.data(), 0);
+  }
+  order->AddElementToGroup(twist->data(), 1);
+  ceres::Solver::Options solver;
+  solver.linear_solver_type = ceres::DENSE_SCHUR;
+  solver.linear_solver_ordering.reset(order);
+  // The points follow the motion within every step: together they would creep along the valley that
+  // bending and depths share.
+  solver.use_inner_iterations = true;
+  solver.inner_iteration_tolerance = 0.0;
+  solver.inner_iteration_ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  for (StripPoint& point : *points)
+    solver.inner_iteration_ordering->AddElementToGroup(point.in_camera.data(), 0);
+  solver.max_num_iterations = 1000;
+  solver.function_tolerance = 1e-8;
+  solver.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+  if (summary.termination_type != ceres::CONVERGENCE)
+    return Fail(Errc::kNotConverged, "strip");
+  double sum = 0.0;
+  int count = 0;
+  for (const StripPoint& point : *points) {
+    for (const Sighting& sighting : point.sightings) {
+      double error[2];
+      if (!SightingResidual{spacing_m, &pinhole, sighting}(twist->data(), point.in_camera.data(),
+                                                           error)) {
+        return Fail(Errc::kNotConverged, "strip");
+      }
+      sum += std::hypot(error[0], error[1]);
+      ++count;
+    }
+  }
+  return sum / count;
+}
+
+// Of the track, at one of its images and in its frame: two neighbours at a tenth of a step.
+double Curvature(const std::array<double, kTwistSize>& twist, double spacing_m) {
+  constexpr double kStep = 0.1;
+  const Vec3 ahead = MoveBySteps<double>(twist.data(), spacing_m, -kStep, Vec3::Zero());
+  const Vec3 behind = MoveBySteps<double>(twist.data(), spacing_m, kStep, Vec3::Zero());
+  const double chord = (ahead - behind).norm();
+  return -4.0 * (ahead + behind).z() / (chord * chord);
 }
 
 }  // namespace
@@ -101,35 +202,30 @@ Expected<TransectReport> SimulateTransect(const PinholeInWater& pinhole,
   if (!(options.altitude_m > 0.0)) return Fail(Errc::kInvalidArgument, "altitude_m");
   if (!(options.forward_overlap > 0.5 && options.forward_overlap < 1.0))
     return Fail(Errc::kInvalidArgument, "forward_overlap");
-  if (options.rows < 4 || options.columns < 2 || options.max_images < 3)
-    return Fail(Errc::kInvalidArgument, "rows, columns or max_images");
+  if (options.rows < 4 || options.columns < 2)
+    return Fail(Errc::kInvalidArgument, "rows or columns");
   const Vec2 half = HalfFootprint(pinhole, options.altitude_m);
   if (!(half.minCoeff() > 0.0)) return Fail(Errc::kNotEnoughData, "footprint");
-  const double widest_m = 2.0 * half.x() * (1.0 - options.forward_overlap);
-  const double asked = std::max(2.0, std::ceil(options.length_m / widest_m));
-  const double spacing_m = std::min(widest_m, options.length_m / asked);
-  const int num_images =
-      static_cast<int>(std::min(asked + 1.0, static_cast<double>(options.max_images)));
-  BundleProblem problem = MakeStrip(pinhole, options, half, spacing_m, num_images);
-  if (static_cast<int>(problem.observations.size()) < kMinObservations * num_images)
-    return Fail(Errc::kNotEnoughData, "observations");
-
-  BundleOptions bundle;
-  bundle.loss.type = LossType::kNone;
-  bundle.max_iterations = options.max_iterations;
-  bundle.function_tolerance = 1e-10;
-  bundle.num_threads = 1;
-  const auto adjusted = AdjustBundle(bundle, &problem);
-  if (!adjusted) return tl::unexpected(adjusted.error());
+  const double spacing_m = 2.0 * half.x() * (1.0 - options.forward_overlap);
+  std::vector<StripPoint> points = MakeStep(pinhole, options, half, spacing_m);
   TransectReport report;
-  report.num_images = num_images;
-  report.num_points = static_cast<int>(problem.points.size());
-  report.num_observations = static_cast<int>(problem.observations.size());
-  report.flown_m = (num_images - 1) * spacing_m;
-  const double ratio = options.length_m / report.flown_m;
-  report.sagitta_m = Sagitta(problem.images) * ratio * ratio;
-  report.mean_error_px = adjusted->final_mean_error_px;
-  report.converged = adjusted->converged;
+  report.spacing_m = spacing_m;
+  report.num_points = static_cast<int>(points.size());
+  for (const StripPoint& point : points)
+    report.num_observations += static_cast<int>(point.sightings.size());
+  if (report.num_points < kMinPoints) return Fail(Errc::kNotEnoughData, "observations");
+  std::array<double, kTwistSize> twist{};
+  const auto error_px = AdjustStep(pinhole.fit(), spacing_m, &points, &twist);
+  if (!error_px) return tl::unexpected(error_px.error());
+  report.mean_error_px = *error_px;
+  report.curvature_per_m = Curvature(twist, spacing_m);
+  const double half_angle =
+      std::min(0.5 * options.length_m * std::abs(report.curvature_per_m), std::numbers::pi);
+  // 1 - cos a = 2 sin^2(a / 2), which small angles survive.
+  if (half_angle > 0.0) {
+    const double sine = std::sin(0.5 * half_angle);
+    report.sagitta_m = 2.0 * sine * sine / report.curvature_per_m;
+  }
   return report;
 }
 

@@ -174,12 +174,10 @@ int PrintRefraction(const AnyCamera& camera, const RangeBand& band, const CheckO
   }
   std::printf(
       "a transect    of %g m at %.2f m above a flat seabed, reconstructed as a pinhole's: %s of "
-      "%.3f m in its middle\n              (%d images, %d points, %.3f px left in the "
-      "images%s)\n",
+      "%.3f m\n              (radius %.3g m; an image every %.2f m, %.3f px left in the images)\n",
       transect_options.length_m, transect_options.altitude_m,
       transect->sagitta_m >= 0.0 ? "a bowl" : "a hump", std::abs(transect->sagitta_m),
-      transect->num_images, transect->num_points, transect->mean_error_px,
-      transect->converged ? "" : "; the adjustment did not settle, the bowl is a lower bound");
+      1.0 / std::abs(transect->curvature_per_m), transect->spacing_m, transect->mean_error_px);
   const std::string verdict = Verdict(camera, effect, transect->sagitta_m);
   std::printf("verdict       %s\n", verdict.c_str());
   if (options.svg.empty()) return 0;
