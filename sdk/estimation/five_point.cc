@@ -1,6 +1,5 @@
 #include "rsfm/estimation/five_point.h"
 
-#include <Eigen/LU>
 #include <Eigen/QR>
 #include <array>
 #include <cmath>
@@ -119,6 +118,29 @@ Constraints EssentialConstraints(const NullSpace& basis) {
   return constraints;
 }
 
+// Gauss-Jordan elimination of the first ten columns with row pivoting, of which only the rows from
+// kFirstNeeded on are finished: no other is read. Rows are handled whole, with lengths the compiler
+// knows. False when they are singular.
+bool EliminateLastRows(Constraints* constraints) {
+  constexpr int kFirstNeeded = 4;
+  Constraints& m = *constraints;
+  for (int k = 0; k < 10; ++k) {
+    Eigen::Index pivot = 0;
+    m.col(k).tail(10 - k).cwiseAbs().maxCoeff(&pivot);
+    pivot += k;
+    if (pivot != k) m.row(k).swap(m.row(pivot));
+    const double inverse = 1.0 / m(k, k);
+    if (!std::isfinite(inverse)) return false;
+    m.row(k) *= inverse;
+    for (int r = k + 1; r < 10; ++r) m.row(r) -= m(r, k) * m.row(k);
+  }
+  for (int k = 9; k > kFirstNeeded; --k) {
+    for (int r = kFirstNeeded; r < k; ++r)
+      m.row(r).tail<10>() -= m(r, k) * m.row(k).tail<10>();
+  }
+  return m.bottomRows<10 - kFirstNeeded>().allFinite();
+}
+
 // One row of B(z): polynomials in z, ascending, that multiply x, y and 1.   [Nister 2004, eqs.
 // (8)-(11)]
 struct HiddenRow {
@@ -182,10 +204,9 @@ EssentialMatrices SolveFivePoint(
   basis.bottomRows<4>().setIdentity();
   basis.applyOnTheLeft(qr.householderQ());
 
-  const Constraints constraints = EssentialConstraints(basis);
-  const Eigen::PartialPivLU<Eigen::Matrix<double, 10, 10>> lu(constraints.leftCols<10>());
-  const Eigen::Matrix<double, 10, 10> eliminated = lu.solve(constraints.rightCols<10>());
-  if (!eliminated.allFinite()) return solutions;
+  Constraints constraints = EssentialConstraints(basis);
+  if (!EliminateLastRows(&constraints)) return solutions;
+  const auto eliminated = constraints.rightCols<10>();
   const std::array<HiddenRow, 3> rows = {SubtractShifted(eliminated.row(4), eliminated.row(5)),
                                          SubtractShifted(eliminated.row(6), eliminated.row(7)),
                                          SubtractShifted(eliminated.row(8), eliminated.row(9))};

@@ -119,7 +119,8 @@ inline int RootsInUnitInterval(
     const int num_knots = RootsInUnitInterval<kLevel - 1, kMax>(derivatives, &knots);
     const double* c = derivatives[kLevel].data();
     const double* slope = derivatives[kLevel - 1].data();
-    constexpr double kTolerance = kLevel == kMax ? 1e-15 : 1e-7;
+    // Of the last step; what is left is of the order of its square, and knots need only separate.
+    constexpr double kTolerance = kLevel == kMax ? 1e-13 : 1e-4;
     int count = 0;
     double low = -1.0;
     double value_low = EvaluatePolynomial<kLevel>(c, low);
