@@ -17,10 +17,12 @@ using Json = nlohmann::json;
 
 const fs::path kData = fs::path(RSFM_SHARED_DATA) / "data";
 
-// The path is a U of 5.8 m without a second visit: how far it is bent hangs on a few hundred of its
-// 164,000 observations. Measured: 15 to 21 cm, with the lens as given or refined, with and without
-// the port; COLMAP's own is 17 cm.
-constexpr double kSubvoTruthMm = 260.0;
+// The path is a U of 5.8 m without a second visit. In the second turn nine frames hang together by
+// tens of matches: there the scale shrinks, by more as a bare lens than behind the port. Measured:
+// 20.3 to 21.1 cm as a bare lens, whatever the loss, the outliers' limit and the lens's freedom;
+// 15.5 and 16.6 cm behind the port. COLMAP's own is 17 cm. The ground truth itself runs at a constant
+// speed through the gaps between the frames, up to 13 cm each.
+constexpr double kBareLensMm = 240.0, kFlatPortMm = 205.0;
 
 MapRequest Request(const fs::path& images, const char* rig, double fps, const fs::path& out) {
   MapRequest request;
@@ -80,13 +82,13 @@ TEST(RealSequences, SubvoIsOneMapAndTrue) {
   const Json on_board = Evaluate(out, truth);
   ASSERT_TRUE(on_board.is_object());
   EXPECT_GE(on_board["images"], 105);
-  EXPECT_LT(on_board["position_rmse_mm"], kSubvoTruthMm);
+  EXPECT_LT(on_board["position_rmse_mm"], kBareLensMm);
 
   const Json refined = Refine(out, folder.path() / "model");
   ASSERT_TRUE(refined.is_object());
   EXPECT_GE(refined["images"]["placed"], 105);
   EXPECT_LT(refined["after"]["mean_error_px"], 0.45);
-  EXPECT_LT(Evaluate(folder.path() / "model", truth)["position_rmse_mm"], kSubvoTruthMm);
+  EXPECT_LT(Evaluate(folder.path() / "model", truth)["position_rmse_mm"], kBareLensMm);
 }
 
 // The same frames as what they most likely are: a lens in air behind a flat window.
@@ -105,7 +107,7 @@ TEST(RealSequences, SubvoBehindAFlatPortIsNoWorse) {
   ASSERT_TRUE(refined.is_object());
   EXPECT_GE(refined["images"]["placed"], 105);
   EXPECT_LT(refined["after"]["mean_error_px"], 0.45);
-  EXPECT_LT(Evaluate(folder.path() / "model", truth)["position_rmse_mm"], kSubvoTruthMm);
+  EXPECT_LT(Evaluate(folder.path() / "model", truth)["position_rmse_mm"], kFlatPortMm);
   // What was found for each parameter of the port, and how well it is determined.
   bool has_distance = false;
   for (const Json& parameter : refined["refined"]["parameters"]) {
