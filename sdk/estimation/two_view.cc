@@ -304,6 +304,18 @@ void TwoViewEstimator::SelectInliers(const RelativePose& pose, double max_error_
   *sigma_px = std::max(kMinSigmaPx, Median(&values_) / 0.6745);
 }
 
+void TwoViewEstimator::KeepWithin(const RelativePose& pose, double max_error_px) {
+  std::size_t kept = 0;
+  for (std::size_t k = 0; k < active_.size(); ++k) {
+    if (!(SquaredSampsonError(pose, pairs_[active_[k]]) < max_error_px * max_error_px)) continue;
+    active_[kept] = active_[k];
+    if (k < bundle_.size()) bundle_[kept] = bundle_[k];
+    ++kept;
+  }
+  bundle_.TryResizeForOverwrite(std::min(kept, bundle_.size()));
+  active_.TryResizeForOverwrite(kept);
+}
+
 Status TwoViewEstimator::CheckCheirality(const RelativePose& pose, const TwoViewOptions& options,
                                          TwoViewReport* report) {
   const Vec3 none = Vec3::Constant(std::numeric_limits<double>::quiet_NaN());
@@ -493,11 +505,14 @@ Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const TwoViewImages& im
     report.refine_iterations += RefineEpipolar(pairs_.span(), active_.span(), refine, &pose);
     const std::size_t before = active_.size();
     const double sigma_before = report.sigma_px;
-    SelectInliers(pose, max_error_px, &report.sigma_px);
+    // What noise throws beyond a tight threshold is information, and without it there is a bias.
+    const double adjusted_px = std::clamp(3.0 * report.sigma_px, max_error_px, 2.0 * max_error_px);
+    SelectInliers(pose, adjusted_px, &report.sigma_px);
     if (active_.size() == before && std::abs(report.sigma_px - sigma_before) < 0.01 * sigma_before)
       break;
   }
   AdjustBundle(images, options, refine, &pose, &report);
+  KeepWithin(pose, max_error_px);
   report.num_inliers = static_cast<int>(active_.size());
   report.num_observations = static_cast<int>(num_observations_);
   report.num_unusable = report.num_observations - static_cast<int>(pairs_.size());

@@ -121,6 +121,8 @@ class TwoViewEstimator {
                  std::span<const Vec2> pixels_a, std::span<const Vec2> pixels_b,
                  const TwoViewOptions& options);
   void SelectInliers(const RelativePose& pose, double max_error_px, double* sigma_px);
+  // Drops what is farther off from the active pairs and the adjustment's memory.
+  void KeepWithin(const RelativePose& pose, double max_error_px);
   // With a weak prior on the range of the given width.
   Expected<TwoViewReport> RefineAndJudge(const TwoViewImages& images, const TwoViewOptions& options,
                                          double range_log_sigma, RelativePose pose,
