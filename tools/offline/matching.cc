@@ -37,9 +37,10 @@ double Overlap(const Scene& scene, const AnyCamera& camera, int a, int b) {
   return all < 8 ? 0.0 : 4.0 * seen / all;
 }
 
-// The essential matrix from five refracted rays, seen from the two centres of a best-fit pinhole:
-// good enough to tell right matches from wrong ones.   [She 2024, arXiv:2403.08640, "Relative Pose
-// Estimation"] The error is Sampson's, in pixels.   [Hartley & Zisserman, eq. (11.9)]
+// The essential matrix from five refracted rays, seen from the two cameras' centres as if all they
+// meet lay at one range: good enough to tell right matches from wrong ones, as only what refraction
+// changes with the range is left out. The error is Sampson's, in pixels.   [Hartley & Zisserman, eq.
+// (11.9)]
 class EssentialProblem {
  public:
   static constexpr int kSampleSize = kFivePointSampleSize;
@@ -125,15 +126,47 @@ Prepared Prepare(const SceneImage& image, int preview_features) {
   return prepared;
 }
 
+// The camera as if all it sees lay at one range.
+struct NominalCamera {
+  const AnyCamera& camera;
+  double range_m;   // from the camera, along the ray in water
+  double focal_px;  // in water
+
+  // (x / z, y / z, 1). False for a pixel without a ray and for what does not lie ahead.
+  bool Bearing(const Vec2& pixel, Vec3* bearing) const {
+    Ray3 ray;
+    if (camera.Backproject(pixel, &ray) != Projection::kOk) return false;
+    const Vec3 point = ray.At(range_m);
+    if (!(point.z() > 0.0)) return false;
+    *bearing = point / point.z();
+    return true;
+  }
+};
+
+// The median range of what the placed images see; the paper's 5 m where there are none.
+double NominalRange(const Scene& scene) {
+  std::vector<double> ranges;
+  for (const SceneImage& image : scene.images) {
+    for (const std::int32_t point : image.points) {
+      if (point != kNoPoint)
+        ranges.push_back((image.camera_from_world * scene.points[point].xyz).norm());
+    }
+  }
+  if (ranges.empty()) return 5.0;
+  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
+  std::nth_element(ranges.begin(), middle, ranges.end());
+  return *middle;
+}
+
 // Matches and verifies one pair after another; one per thread.
 class PairMatcher {
  public:
   PairMatcher(const Scene& scene, const std::vector<Prepared>& descriptors,
-              const MatchOptions& options, const BestFitPerspective& best_fit, int max_features)
+              const MatchOptions& options, const NominalCamera& camera, int max_features)
       : scene_(scene),
         descriptors_(descriptors),
         options_(options),
-        best_fit_(best_fit),
+        camera_(camera),
         matcher_(max_features),
         matches_(max_features),
         workspace_(static_cast<std::uint32_t>(max_features)) {}
@@ -153,11 +186,19 @@ class PairMatcher {
     const int count = matcher_.Match(in_a.All(), in_b.All(), options_.max_ratio, matches_);
     if (count < options_.min_inliers) return std::nullopt;
     std::vector<Vec3> bearings_a, bearings_b;
+    int usable = 0;
     for (int i = 0; i < count; ++i) {
-      bearings_a.push_back(best_fit_.Normalise(a.features[matches_[i].query]).homogeneous());
-      bearings_b.push_back(best_fit_.Normalise(b.features[matches_[i].train]).homogeneous());
+      Vec3 bearing_a, bearing_b;
+      if (!camera_.Bearing(a.features[matches_[i].query], &bearing_a) ||
+          !camera_.Bearing(b.features[matches_[i].train], &bearing_b)) {
+        continue;
+      }
+      bearings_a.push_back(bearing_a);
+      bearings_b.push_back(bearing_b);
+      matches_[usable++] = matches_[i];
     }
-    EssentialProblem problem(bearings_a, bearings_b, 0.5 * (best_fit_.fx + best_fit_.fy));
+    if (usable < options_.min_inliers) return std::nullopt;
+    EssentialProblem problem(bearings_a, bearings_b, camera_.focal_px);
     RansacOptions ransac;
     ransac.max_error_px = options_.max_error_px;
     ransac.max_iterations = 500;
@@ -165,7 +206,7 @@ class PairMatcher {
     Mat3 essential;
     const Expected<RansacReport> report = Ransac(problem, ransac, &workspace_, &essential);
     if (!report || report->num_inliers < options_.min_inliers ||
-        report->num_inliers < options_.min_inlier_ratio * count)
+        report->num_inliers < options_.min_inlier_ratio * usable)
       return std::nullopt;
     VerifiedPair result;
     result.images = pair;
@@ -199,7 +240,7 @@ class PairMatcher {
   const Scene& scene_;
   const std::vector<Prepared>& descriptors_;
   const MatchOptions& options_;
-  const BestFitPerspective& best_fit_;
+  const NominalCamera& camera_;
   DescriptorMatcher matcher_;
   std::vector<DescriptorMatch> matches_;
   RansacWorkspace workspace_;
@@ -233,6 +274,7 @@ std::vector<VerifiedPair> MatchPairs(const Scene& scene, const std::vector<Image
   const AnyCamera camera = *AnyCamera::Create(scene.camera);
   const Expected<BestFitPerspective> best_fit = FitPerspective(camera);
   if (!best_fit) return {};
+  const NominalCamera nominal{camera, NominalRange(scene), 0.5 * (best_fit->fx + best_fit->fy)};
 
   std::vector<Prepared> descriptors;
   for (const SceneImage& image : scene.images)
@@ -242,7 +284,7 @@ std::vector<VerifiedPair> MatchPairs(const Scene& scene, const std::vector<Image
   std::atomic<bool> stopped = false;
   std::mutex mutex;
   const auto work = [&] {
-    PairMatcher matcher(scene, descriptors, options, *best_fit, static_cast<int>(max_features));
+    PairMatcher matcher(scene, descriptors, options, nominal, static_cast<int>(max_features));
     for (std::size_t i = next++; i < pairs.size() && !stopped; i = next++) {
       results[i] = matcher.Match(pairs[i]);
       if (!options.progress) continue;
