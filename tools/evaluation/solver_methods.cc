@@ -184,9 +184,9 @@ std::optional<AnyCamera> FitWithDistortion(const AnyCamera& camera) {
                        (row + 0.5) / kRows * camera.height());
       Ray3 ray;
       if (camera.Backproject(pixel, &ray) != Projection::kOk) continue;
-      problem.AddResidualBlock(
-          new ceres::AutoDiffCostFunction<FitResidual, 2, 8>(new FitResidual{ray.At(kRange), pixel}),
-          nullptr, params.data());
+      problem.AddResidualBlock(new ceres::AutoDiffCostFunction<FitResidual, 2, 8>(
+                                   new FitResidual{ray.At(kRange), pixel}),
+                               nullptr, params.data());
     }
   }
   ceres::Solver::Options options;

@@ -39,8 +39,8 @@ double Overlap(const Scene& scene, const AnyCamera& camera, int a, int b) {
 
 // The essential matrix from five refracted rays, seen from the two cameras' centres as if all they
 // meet lay at one range: good enough to tell right matches from wrong ones, as only what refraction
-// changes with the range is left out. The error is Sampson's, in pixels.   [Hartley & Zisserman, eq.
-// (11.9)]
+// changes with the range is left out. The error is Sampson's, in pixels.   [Hartley & Zisserman,
+// eq. (11.9)]
 class EssentialProblem {
  public:
   static constexpr int kSampleSize = kFivePointSampleSize;
