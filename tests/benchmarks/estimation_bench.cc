@@ -180,7 +180,7 @@ double Seconds(std::chrono::steady_clock::time_point since) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - since).count();
 }
 
-void AbsolutePoseRansacAndRefinement(benchmark::State& state, RigKind kind) {
+void AbsolutePose(benchmark::State& state, RigKind kind, bool refine) {
   Rng rng(3);
   std::vector<AnyCamera> cameras;
   std::vector<AbsoluteScene> scenes;
@@ -191,6 +191,7 @@ void AbsolutePoseRansacAndRefinement(benchmark::State& state, RigKind kind) {
   AbsolutePoseOptions options;
   options.ransac.max_error_px = 12.0;
   options.ransac.confidence = 0.99999;
+  if (!refine) options.max_refine_iterations = 0;
   AbsolutePoseEstimator estimator(200);
   double own = 0.0, baseline = 0.0, rotation = 0.0, position = 0.0, baseline_rotation = 0.0,
          runs = 0.0;
@@ -225,6 +226,16 @@ void AbsolutePoseRansacAndRefinement(benchmark::State& state, RigKind kind) {
   state.counters["pos_mm"] = position / runs;
   state.counters["baseline_rot_deg"] = baseline_rotation / runs;
 }
+void AbsolutePoseRansac(benchmark::State& state, RigKind kind) { AbsolutePose(state, kind, false); }
+void AbsolutePoseRansacAndRefinement(benchmark::State& state, RigKind kind) {
+  AbsolutePose(state, kind, true);
+}
+BENCHMARK_CAPTURE(AbsolutePoseRansac, flat, RigKind::kFlat)
+    ->UseManualTime()
+    ->Unit(benchmark::kMicrosecond);
+BENCHMARK_CAPTURE(AbsolutePoseRansac, dome, RigKind::kDome)
+    ->UseManualTime()
+    ->Unit(benchmark::kMicrosecond);
 BENCHMARK_CAPTURE(AbsolutePoseRansacAndRefinement, flat, RigKind::kFlat)
     ->UseManualTime()
     ->Unit(benchmark::kMicrosecond);
