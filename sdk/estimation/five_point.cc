@@ -135,8 +135,7 @@ bool EliminateLastRows(Constraints* constraints) {
     for (int r = k + 1; r < 10; ++r) m.row(r) -= m(r, k) * m.row(k);
   }
   for (int k = 9; k > kFirstNeeded; --k) {
-    for (int r = kFirstNeeded; r < k; ++r)
-      m.row(r).tail<10>() -= m(r, k) * m.row(k).tail<10>();
+    for (int r = kFirstNeeded; r < k; ++r) m.row(r).tail<10>() -= m(r, k) * m.row(k).tail<10>();
   }
   return m.bottomRows<10 - kFirstNeeded>().allFinite();
 }

@@ -167,6 +167,15 @@ EpipolarNormal LineariseEpipolar(std::span<const RayPair> pairs, std::span<const
   return normal;
 }
 
+std::optional<Vec6> DampedStep(const EpipolarNormal& normal, double damping) noexcept {
+  Mat6 damped = normal.information + normal.weak_information;
+  damped.diagonal() *= 1.0 + damping;
+  damped.diagonal().array() += 1e-14 * damped.diagonal().maxCoeff();
+  const Eigen::LLT<Mat6> factor(damped);
+  if (factor.info() != Eigen::Success) return std::nullopt;
+  return factor.solve(-normal.gradient);
+}
+
 int RefineEpipolar(std::span<const RayPair> pairs, std::span<const int> active,
                    const EpipolarRefineOptions& options, RelativePose* pose) noexcept {
   EpipolarNormal normal = LineariseEpipolar(pairs, active, *pose, options);
@@ -174,15 +183,12 @@ int RefineEpipolar(std::span<const RayPair> pairs, std::span<const int> active,
   int iteration = 0;
   while (iteration < options.max_iterations) {
     ++iteration;
-    Mat6 damped = normal.information + normal.weak_information;
-    damped.diagonal() *= 1.0 + damping;
-    damped.diagonal().array() += 1e-14 * damped.diagonal().maxCoeff();
-    const Eigen::LLT<Mat6> factor(damped);
-    if (factor.info() != Eigen::Success) {
+    const std::optional<Vec6> solved = DampedStep(normal, damping);
+    if (!solved) {
       damping *= 10.0;
       continue;
     }
-    const Vec6 step = factor.solve(-normal.gradient);
+    const Vec6& step = *solved;
     if (!step.allFinite()) return iteration;
     if (-step.dot(normal.gradient) < 1e-10 * normal.cost) break;
     const RelativePose candidate = Perturb(*pose, step, options);

@@ -1,6 +1,7 @@
 // Two-view geometry of refracted rays: the generalised epipolar constraint with its image noise.
 #pragma once
 
+#include <optional>
 #include <span>
 
 #include "rsfm/base/ray3.h"
@@ -86,6 +87,9 @@ struct EpipolarNormal {
 };
 // The columns span the plane orthogonal to a unit direction.
 Eigen::Matrix<double, 3, 2> TangentBasis(const Vec3& direction) noexcept;
+
+// The Levenberg-Marquardt step of the refinements; none where the damped system is singular.
+std::optional<Vec6> DampedStep(const EpipolarNormal& normal, double damping) noexcept;
 
 // The update of the refinements: the direction stays unit, the baseline within its bounds.
 RelativePose Perturb(const RelativePose& pose, const Vec6& step,

@@ -140,15 +140,12 @@ int RefineTwoViewBundle(const TwoViewImages& images, std::span<const RayPair> pa
   int iteration = 0;
   while (iteration < options.max_iterations) {
     ++iteration;
-    Mat6 damped = normal.information + normal.weak_information;
-    damped.diagonal() *= 1.0 + damping;
-    damped.diagonal().array() += 1e-14 * damped.diagonal().maxCoeff();
-    const Eigen::LLT<Mat6> factor(damped);
-    if (factor.info() != Eigen::Success) {
+    const std::optional<Vec6> solved = DampedStep(normal, damping);
+    if (!solved) {
       damping *= 10.0;
       continue;
     }
-    const Vec6 step = factor.solve(-normal.gradient);
+    const Vec6& step = *solved;
     if (!step.allFinite()) break;
     const RelativePose candidate = Perturb(*pose, step, options);
     bundle.MovePoints(step, slot, 1 - slot);

@@ -4,30 +4,12 @@
 #include <array>
 #include <cmath>
 
+#include "rsfm/refraction/line_fit.h"
+
 namespace rsfm {
 namespace {
 
 constexpr int kMaxKeptSamples = 1024;
-
-// Least squares of pixel = focal * slope + centre, from running sums.
-struct LineFit {
-  double n = 0, sum_s = 0, sum_p = 0, sum_ss = 0, sum_sp = 0;
-
-  void Add(double slope, double pixel) {
-    n += 1;
-    sum_s += slope;
-    sum_p += pixel;
-    sum_ss += slope * slope;
-    sum_sp += slope * pixel;
-  }
-  bool Solve(double* focal, double* center) const {
-    const double spread = n * sum_ss - sum_s * sum_s;
-    if (!(spread > 1e-12 * n * n)) return false;
-    *focal = (n * sum_sp - sum_s * sum_p) / spread;
-    *center = (sum_p - *focal * sum_s) / n;
-    return true;
-  }
-};
 
 // f(point in camera, pixel) for every grid pixel that has a ray, its range spread evenly over the
 // band.
@@ -75,8 +57,7 @@ Expected<BestFitPerspective> FitPerspective(const AnyCamera& camera,
     if (keep) kept[num_kept++] = {point, pixel};
   });
   BestFitPerspective fit;
-  if (horizontal.n < 16 || !horizontal.Solve(&fit.fx, &fit.cx) ||
-      !vertical.Solve(&fit.fy, &fit.cy) || !(fit.fx > 0.0) || !(fit.fy > 0.0)) {
+  if (!horizontal.Solve(&fit.fx, &fit.cx) || !vertical.Solve(&fit.fy, &fit.cy)) {
     return Fail(Errc::kDegenerate, "image points with a forward ray",
                 static_cast<std::int32_t>(horizontal.n));
   }

@@ -11,6 +11,11 @@ struct DomePort::Frame3 {
   Vec3 turn;      // d direction / d beta
   double across;  // sine / camera_v, finite on the axis
   double d_beta_d_camera_u, d_beta_d_camera_v, d_beta_d_range;
+
+  // What both derivatives begin with: the solved path, its frame, the direction and its derivative
+  // with respect to the point. On failure direction and derivative are untouched.
+  static Projection Refract(const DomePort& port, const Vec3& point, Plane* plane, Path* path,
+                            Frame3* frame, Vec3* direction, Mat3* d_direction_d_point);
 };
 
 DomePort::Frame3 DomePort::MakeFrame(const Plane& plane, const Path& path) const noexcept {
@@ -38,48 +43,49 @@ DomePort::Frame3 DomePort::MakeFrame(const Plane& plane, const Path& path) const
   return frame;
 }
 
+Projection DomePort::Frame3::Refract(const DomePort& port, const Vec3& point, Plane* plane,
+                                     Path* path, Frame3* frame, Vec3* direction,
+                                     Mat3* d_direction_d_point) {
+  if (const Projection status = port.Solve(point, plane, path); status != Projection::kOk)
+    return status;
+  if (!port.Evaluate(*plane, path->cosine, path->sine, path))
+    return Projection::kTotalInternalReflection;
+  *frame = port.MakeFrame(*plane, *path);
+  *direction = Direction(*plane, *path);
+  // Moving the point turns u in the plane by v.dP / R and the plane about its axis by m.dP / R.
+  const double d_beta_d_turn =
+      1.0 + frame->d_beta_d_camera_u * plane->camera_v - frame->d_beta_d_camera_v * plane->camera_u;
+  const Vec3 along = frame->d_beta_d_range * frame->u + (d_beta_d_turn / plane->range) * frame->v;
+  *d_direction_d_point =
+      frame->turn * along.transpose() +
+      ((path->cosine - frame->across * plane->camera_u) / plane->range * frame->m) *
+          frame->m.transpose();
+  return Projection::kOk;
+}
+
 Projection DomePort::RefractToAir(const Vec3& point, Vec3* direction,
                                   Mat3* d_direction_d_point) const noexcept {
   Plane plane;
   Path path;
-  if (const Projection status = Solve(point, &plane, &path); status != Projection::kOk)
-    return status;
-  if (!Evaluate(plane, path.cosine, path.sine, &path)) return Projection::kTotalInternalReflection;
-  const Frame3 frame = MakeFrame(plane, path);
-  *direction = Direction(plane, path);
-  // Moving the point turns u in the plane by v.dP / R and the plane about its axis by m.dP / R.
-  const double d_beta_d_turn =
-      1.0 + frame.d_beta_d_camera_u * plane.camera_v - frame.d_beta_d_camera_v * plane.camera_u;
-  const Vec3 along = frame.d_beta_d_range * frame.u + (d_beta_d_turn / plane.range) * frame.v;
-  *d_direction_d_point =
-      frame.turn * along.transpose() +
-      ((path.cosine - frame.across * plane.camera_u) / plane.range * frame.m) * frame.m.transpose();
-  return Projection::kOk;
+  Frame3 frame;
+  return Frame3::Refract(*this, point, &plane, &path, &frame, direction, d_direction_d_point);
 }
 
 Projection DomePort::RefractToAir(const Vec3& point, Vec3* direction,
                                   AirJacobian* jacobian) const noexcept {
   Plane plane;
   Path path;
-  if (const Projection status = Solve(point, &plane, &path); status != Projection::kOk)
-    return status;
-  if (!Evaluate(plane, path.cosine, path.sine, &path)) return Projection::kTotalInternalReflection;
-  const Frame3 frame = MakeFrame(plane, path);
-  *direction = Direction(plane, path);
-  const double d_beta_d_turn =
-      1.0 + frame.d_beta_d_camera_u * plane.camera_v - frame.d_beta_d_camera_v * plane.camera_u;
-  const Vec3 along = frame.d_beta_d_range * frame.u + (d_beta_d_turn / plane.range) * frame.v;
-  const Mat3 across = frame.m * frame.m.transpose();
-  jacobian->d_direction_d_point =
-      frame.turn * along.transpose() +
-      (path.cosine - frame.across * plane.camera_u) / plane.range * across;
+  Frame3 frame;
+  const Projection status = Frame3::Refract(*this, point, &plane, &path, &frame, direction,
+                                            &jacobian->d_direction_d_point);
+  if (status != Projection::kOk) return status;
 
   auto& d_port = jacobian->d_direction_d_port;
   // Moving the centre moves point and camera the other way, as seen from it: the point's part is
   // -d_direction_d_point.
   const Vec3 of_camera = frame.d_beta_d_camera_u * frame.u + frame.d_beta_d_camera_v * frame.v;
-  d_port.leftCols<3>() =
-      -jacobian->d_direction_d_point - frame.turn * of_camera.transpose() - frame.across * across;
+  d_port.leftCols<3>() = -jacobian->d_direction_d_point - frame.turn * of_camera.transpose() -
+                         frame.across * frame.m * frame.m.transpose();
 
   // d residual / d parameter at fixed beta, then d beta = -that / slope. The turns' share comes
   // with cos of the turned angle.

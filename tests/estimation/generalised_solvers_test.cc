@@ -16,17 +16,6 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-double Difference(const Rigid3& a, const Rigid3& b) {
-  return AngleBetween(a.rotation, b.rotation) + (a.translation - b.translation).norm();
-}
-
-template <class Solutions>
-double Nearest(const Solutions& solutions, const Rigid3& truth) {
-  double nearest = std::numeric_limits<double>::infinity();
-  for (const Rigid3& pose : solutions) nearest = std::min(nearest, Difference(pose, truth));
-  return nearest;
-}
-
 template <int kSize>
 struct RayPairs {
   std::array<Ray3, kSize> a, b;

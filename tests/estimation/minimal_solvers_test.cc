@@ -12,8 +12,8 @@
 #include "rsfm/estimation/gp3p.h"
 #include "rsfm/estimation/p3p.h"
 #include "rsfm/estimation/polynomial.h"
+#include "tests/estimation/scenes.h"
 #include "tests/support/malloc_trap.h"
-#include "tests/support/rigs.h"
 
 namespace rsfm {
 namespace {
@@ -25,17 +25,6 @@ Vec3 RandomVector(Rng* rng, double size) {
 }
 
 Rigid3 RandomPose(Rng* rng) { return {ExpSo3(RandomVector(rng, 1.5)), RandomVector(rng, 2.0)}; }
-
-double Difference(const Rigid3& a, const Rigid3& b) {
-  return AngleBetween(a.rotation, b.rotation) + (a.translation - b.translation).norm();
-}
-
-template <class Solutions>
-double Nearest(const Solutions& solutions, const Rigid3& truth) {
-  double nearest = std::numeric_limits<double>::infinity();
-  for (const Rigid3& pose : solutions) nearest = std::min(nearest, Difference(pose, truth));
-  return nearest;
-}
 
 struct Problem {
   std::array<Ray3, 3> rays;

@@ -125,10 +125,19 @@ TEST(Ransac, RepeatsBitForBitWithTheSameSeed) {
   EXPECT_EQ(report_1->evaluations, report_2->evaluations);
 }
 
-TEST(Ransac, KeepsItsBounds) {
+// 100 points all over: no line has more than a few of them.
+std::vector<Vec2> PointsWithoutALine() {
   Rng rng(4);
   std::vector<Vec2> points;
-  for (int i = 0; i < 100; ++i) points.emplace_back(rng.Uniform(-10, 10), rng.Uniform(-1e4, 1e4));
+  for (int i = 0; i < 100; ++i) {
+    const double x = rng.Uniform(-10, 10);
+    points.emplace_back(x, rng.Uniform(-1e4, 1e4));
+  }
+  return points;
+}
+
+TEST(Ransac, KeepsItsBounds) {
+  const std::vector<Vec2> points = PointsWithoutALine();
   LineProblem problem(points);
   RansacWorkspace workspace(100);
   Vec2 line;
@@ -145,9 +154,7 @@ TEST(Ransac, KeepsItsBounds) {
 }
 
 TEST(Ransac, StopsWhenAskedAndSaysWhy) {
-  Rng rng(4);
-  std::vector<Vec2> points;
-  for (int i = 0; i < 100; ++i) points.emplace_back(rng.Uniform(-10, 10), rng.Uniform(-1e4, 1e4));
+  const std::vector<Vec2> points = PointsWithoutALine();
   LineProblem problem(points);
   RansacWorkspace workspace(100);
   Vec2 line;

@@ -1,11 +1,14 @@
 // Scenes of the paper's evaluation: 200 points, 30 % outliers, bounds of its programs.
 #pragma once
 
+#include <algorithm>
+#include <limits>
 #include <numbers>
 #include <vector>
 
 #include "rsfm/base/rigid3.h"
 #include "rsfm/base/rng.h"
+#include "rsfm/base/so3.h"
 #include "tests/support/rigs.h"
 
 namespace rsfm {
@@ -101,6 +104,19 @@ inline double Degrees(double radians) { return radians * 180.0 / std::numbers::p
 inline double DirectionError(const Rigid3& estimate, const Rigid3& truth) {
   return std::atan2(estimate.translation.cross(truth.translation).norm(),
                     estimate.translation.dot(truth.translation));
+}
+
+// The angle in radians plus the distance in metres.
+inline double Difference(const Rigid3& a, const Rigid3& b) {
+  return AngleBetween(a.rotation, b.rotation) + (a.translation - b.translation).norm();
+}
+
+// Infinite where there is no solution.
+template <class Solutions>
+double Nearest(const Solutions& solutions, const Rigid3& truth) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (const Rigid3& pose : solutions) nearest = std::min(nearest, Difference(pose, truth));
+  return nearest;
 }
 
 }  // namespace rsfm

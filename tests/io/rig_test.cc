@@ -8,6 +8,7 @@
 
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/refraction/sea_water.h"
+#include "tests/support/replaced.h"
 #include "tests/support/temporary_folder.h"
 
 namespace rsfm {
@@ -43,12 +44,6 @@ port:
   index_glass: 1.52
   index_water: 1.334
 )";
-
-std::string Replaced(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return text.replace(at, from.size(), to);
-}
 
 TEST(RigTest, CameraAndPortAreACompleteFile) {
   const auto rig = ParseRig(kFlat, "rig.yaml");

@@ -20,7 +20,8 @@
 #include "rsfm/io/output_messages.h"
 #include "rsfm/refraction/any_camera.h"
 #include "rsfm/refraction/sea_water.h"
-#include "tests/support/run_program.h"
+#include "tests/support/replaced.h"
+#include "tests/tools/tool_test.h"
 
 namespace rsfm {
 namespace {
@@ -43,12 +44,6 @@ port:
 mapper: {max_features: 200, max_keyframes: 8, max_landmarks: 400}
 )";
 
-std::string Replaced(std::string text, const std::string& from, const std::string& to) {
-  const std::size_t at = text.find(from);
-  EXPECT_NE(at, std::string::npos) << from;
-  return at == std::string::npos ? text : text.replace(at, from.size(), to);
-}
-
 // The bytes of an image of noise.
 std::string MakeImage(int width, int height, const char* extension, std::uint64_t seed) {
   Rng rng(seed);
@@ -60,7 +55,7 @@ std::string MakeImage(int width, int height, const char* extension, std::uint64_
   return {bytes.begin(), bytes.end()};
 }
 
-class BadInputTest : public ::testing::Test {
+class BadInputTest : public ToolTest {
  protected:
   void SetUp() override {
     fs::create_directories(Path("images"));
@@ -69,14 +64,6 @@ class BadInputTest : public ::testing::Test {
             MakeImage(160, 120, ".jpg", static_cast<std::uint64_t>(i)));
     }
     Write("rig.yaml", kRig);
-  }
-  std::string Path(const std::string& name) { return (folder_.path() / name).string(); }
-  std::string Write(const std::string& name, const std::string& content) {
-    EXPECT_TRUE(WriteFileAtomically(Path(name), content));
-    return Path(name);
-  }
-  ProgramResult Run(const std::string& arguments) {
-    return RunProgram(std::string(RSFM_TOOL) + " " + arguments);
   }
   ProgramResult Map(const std::string& more = {}) {
     return Run("map " + Path("images") + " --rig " + Path("rig.yaml") + " --out " + Path("out") +
@@ -95,7 +82,6 @@ class BadInputTest : public ::testing::Test {
     EXPECT_EQ(NumEntries("."), num_entries_) << "something is left aside";
   }
 
-  TemporaryFolder folder_;
   int num_entries_ = 2;  // images and rig.yaml
 };
 

@@ -14,15 +14,13 @@
 #include "rsfm/io/output_messages.h"
 #include "rsfm/io/text.h"
 #include "rsfm/refraction/any_camera.h"
-#include "tests/support/run_program.h"
+#include "tests/tools/tool_test.h"
 
 namespace rsfm {
 namespace {
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
-
-const std::string kTool = RSFM_TOOL;
 
 constexpr const char* kCamera = R"(camera:
   model: PINHOLE
@@ -53,19 +51,8 @@ std::vector<std::vector<double>> Numbers(const std::string& text) {
   return lines;
 }
 
-class ToolTest : public ::testing::Test {
+class RsfmToolTest : public ToolTest {
  protected:
-  TemporaryFolder folder_;
-
-  std::string Path(const std::string& name) { return (folder_.path() / name).string(); }
-  std::string Write(const std::string& name, const std::string& content) {
-    EXPECT_TRUE(WriteFileAtomically(Path(name), content));
-    return Path(name);
-  }
-  ProgramResult Run(const std::string& arguments, const std::string& input = {}) {
-    return RunProgram(kTool + " " + arguments, input);
-  }
-
   // Cameras on a circle, points on the plane z = 3; exact observations. `world_from_truth` moves
   // it.
   Model MakeModel(const Rigid3& world_from_truth, double scale) {
@@ -104,7 +91,7 @@ class ToolTest : public ::testing::Test {
   }
 };
 
-TEST_F(ToolTest, HelpAndWrongRequests) {
+TEST_F(RsfmToolTest, HelpAndWrongRequests) {
   EXPECT_EQ(Run("--help").exit_code, 0);
   EXPECT_EQ(Run("project --help").exit_code, 0);
   EXPECT_EQ(Run("--version").exit_code, 0);
@@ -116,7 +103,7 @@ TEST_F(ToolTest, HelpAndWrongRequests) {
   EXPECT_THAT(unknown.err, HasSubstr("error: 'frobnicate' is not a verb"));
 }
 
-TEST_F(ToolTest, EvaluateSolversWritesTablesAndFigures) {
+TEST_F(RsfmToolTest, EvaluateSolversWritesTablesAndFigures) {
   const ProgramResult done =
       Run("evaluate-solvers --figure abs_pose --port dome --noise 0.5,1 --experiments 3 --out " +
           Path("solvers"));
@@ -137,7 +124,7 @@ TEST_F(ToolTest, EvaluateSolversWritesTablesAndFigures) {
   EXPECT_FALSE(fs::exists(Path("nothing")));
 }
 
-TEST_F(ToolTest, ProjectAndBackprojectAreInverse) {
+TEST_F(RsfmToolTest, ProjectAndBackprojectAreInverse) {
   const std::string camera = Write("camera.yaml", kCamera);
   const std::string pixels = "320 240\n0 0\n640 480\n17.25 400.125\n";
   const ProgramResult rays = Run("backproject --camera " + camera, pixels);
@@ -161,7 +148,7 @@ TEST_F(ToolTest, ProjectAndBackprojectAreInverse) {
   }
 }
 
-TEST_F(ToolTest, FailuresSayWhy) {
+TEST_F(RsfmToolTest, FailuresSayWhy) {
   const std::string camera = Write("camera.yaml", kCamera);
   const ProgramResult points =
       Run("project --camera " + camera, "0 0 0.01\n0 0 0.025\n5 0 1\nnan 0 1\n0 inf 1\n0 0 1\n");
@@ -176,7 +163,7 @@ TEST_F(ToolTest, FailuresSayWhy) {
             "nan nan nan nan nan nan not_finite\n");
 }
 
-TEST_F(ToolTest, AMalformedLineStopsWithItsNumber) {
+TEST_F(RsfmToolTest, AMalformedLineStopsWithItsNumber) {
   const std::string camera = Write("camera.yaml", kCamera);
   for (const char* bad : {"1 2", "1 2 3 4", "1 2 x", "", "1,2,3", "1 2 1e999"}) {
     const ProgramResult result =
@@ -190,7 +177,7 @@ TEST_F(ToolTest, AMalformedLineStopsWithItsNumber) {
   EXPECT_EQ(Run("project --camera " + camera + " >/dev/full", "0 0 1\n").exit_code, 1);
 }
 
-TEST_F(ToolTest, AgreesWithTheExactVectors) {
+TEST_F(RsfmToolTest, AgreesWithTheExactVectors) {
   const fs::path vectors = fs::path(RSFM_SHARED_DATA) / "vectors";
   if (!fs::is_directory(vectors)) GTEST_SKIP() << vectors << " is absent";
   int num_cameras = 0;
@@ -229,7 +216,7 @@ struct BadCamera {
   const char* message;  // of "error: FILE" + this
 };
 
-TEST_F(ToolTest, BadCamerasAreNamedByFileFieldAndFix) {
+TEST_F(RsfmToolTest, BadCamerasAreNamedByFileFieldAndFix) {
   const BadCamera cases[] = {
       {"  width: 640\n", "", ":2: camera.width: is missing; add 'width: ...'"},
       {"width: 640", "width: 640\n  widht: 640", ":4: camera.widht: is not a known field; did you"},
@@ -257,7 +244,7 @@ TEST_F(ToolTest, BadCamerasAreNamedByFileFieldAndFix) {
   }
 }
 
-TEST_F(ToolTest, CheckDescribesAGoodRig) {
+TEST_F(RsfmToolTest, CheckDescribesAGoodRig) {
   const ProgramResult result = Run("check " + Write("rig.yaml", kCamera));
   EXPECT_EQ(result.exit_code, 0) << result.err;
   EXPECT_THAT(result.out, HasSubstr("is a good rig file"));
@@ -265,7 +252,7 @@ TEST_F(ToolTest, CheckDescribesAGoodRig) {
   EXPECT_THAT(result.out, HasSubstr("flat, 20.00 mm away"));
 }
 
-TEST_F(ToolTest, EvaluateMeasuresWhatWasMoved) {
+TEST_F(RsfmToolTest, EvaluateMeasuresWhatWasMoved) {
   ASSERT_TRUE(WriteModel(MakeModel(Rigid3(), 1.0), Path("truth")));
   const Rigid3 moved(ExpSo3(Vec3(0.5, 1.0, -0.7)), Vec3(4, 5, 6));
   ASSERT_TRUE(WriteModel(MakeModel(moved, 1.0), Path("same_size")));
@@ -313,7 +300,7 @@ TEST_F(ToolTest, EvaluateMeasuresWhatWasMoved) {
   EXPECT_EQ(Run("evaluate " + Path("noisy") + " " + Path("truth")).exit_code, 0);
 }
 
-TEST_F(ToolTest, EvaluateReadsTumAndCsv) {
+TEST_F(RsfmToolTest, EvaluateReadsTumAndCsv) {
   const Model model = MakeModel(Rigid3(), 1.0);
   ASSERT_TRUE(WriteModel(model, Path("model")));
   ASSERT_EQ(Run("export " + Path("model") + " --format tum --out " + Path("t.tum")).exit_code, 0);
@@ -344,7 +331,7 @@ TEST_F(ToolTest, EvaluateReadsTumAndCsv) {
   EXPECT_THAT(others.err, HasSubstr("by name or by time"));
 }
 
-TEST_F(ToolTest, ExportRoundTripsAndRefuses) {
+TEST_F(RsfmToolTest, ExportRoundTripsAndRefuses) {
   ASSERT_TRUE(WriteModel(MakeModel(Rigid3(), 1.0), Path("model")));
   for (const std::string format : {"colmap-txt", "colmap-bin", "colmap-underwater"}) {
     const ProgramResult result =
@@ -369,7 +356,7 @@ TEST_F(ToolTest, ExportRoundTripsAndRefuses) {
   EXPECT_TRUE(fs::exists(Path("precious/thesis.txt")));
 }
 
-TEST_F(ToolTest, AFullDiskLeavesNothingBehind) {
+TEST_F(RsfmToolTest, AFullDiskLeavesNothingBehind) {
   ASSERT_TRUE(WriteModel(MakeModel(Rigid3(), 1.0), Path("model")));
   fs::create_directory(Path("disk"));
   if (::geteuid() != 0 || ::mount("tmpfs", Path("disk").c_str(), "tmpfs", 0, "size=4k") != 0) {
@@ -385,7 +372,7 @@ TEST_F(ToolTest, AFullDiskLeavesNothingBehind) {
   EXPECT_EQ(::umount2(Path("disk").c_str(), MNT_DETACH), 0);
 }
 
-TEST_F(ToolTest, InfoTellsWhatAMissionLogLost) {
+TEST_F(RsfmToolTest, InfoTellsWhatAMissionLogLost) {
   fs::create_directory(Path("mission"));
   {
     auto writer = MissionWriter::Create(Path("mission"), *ParseRig(kCamera, "camera"));

@@ -5,31 +5,13 @@
 #include <cmath>
 #include <limits>
 
+#include "rsfm/refraction/line_fit.h"
+
 namespace rsfm {
 namespace {
 
 constexpr int kFitColumns = 40, kFitRows = 25;  // the paper draws 1000 at random
 constexpr double kMaxSlope = 1.7320508;         // of directions in air: 60 degrees off the axis
-
-// Least squares of pixel = focal * slope + centre.
-struct LineFit {
-  double n = 0, sum_s = 0, sum_p = 0, sum_ss = 0, sum_sp = 0;
-
-  void Add(double slope, double pixel) {
-    n += 1;
-    sum_s += slope;
-    sum_p += pixel;
-    sum_ss += slope * slope;
-    sum_sp += slope * pixel;
-  }
-  bool Solve(double* focal, double* center) const {
-    const double spread = n * sum_ss - sum_s * sum_s;
-    if (!(n >= 16.0) || !(spread > 1e-12 * n * n)) return false;
-    *focal = (n * sum_sp - sum_s * sum_p) / spread;
-    *center = (sum_p - *focal * sum_s) / n;
-    return *focal > 0.0;
-  }
-};
 
 Vec2 CellMiddle(const AnyCamera& camera, int index, int columns, int rows) {
   return {(index % columns + 0.5) * camera.width() / columns,

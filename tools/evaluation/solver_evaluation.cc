@@ -9,9 +9,9 @@
 #include <cstdio>
 #include <limits>
 #include <numbers>
-#include <thread>
 
 #include "rsfm/estimation/reprojection_residual.h"
+#include "tools/common/parallel.h"
 #include "tools/evaluation/solver_methods.h"
 
 namespace rsfm {
@@ -248,23 +248,16 @@ std::optional<SolverEvaluation> EvaluateSolvers(const SolverRequest& request,
   const std::int64_t total =
       static_cast<std::int64_t>(request.noise_px.size()) * request.experiments;
   std::vector<Experiment> experiments(static_cast<std::size_t>(total));
-  std::atomic<std::int64_t> next = 0, done = 0;
-  std::atomic<bool> stopped = false;
-  const auto work = [&] {
-    SolverWorkspace workspace(kSolverPoints);
-    for (std::int64_t i = next++; i < total && !stopped; i = next++) {
+  std::atomic<std::int64_t> done = 0;
+  const bool all = ParallelWork(total, request.threads, [&] {
+    return [&, workspace = SolverWorkspace(kSolverPoints)](std::int64_t i) mutable {
       experiments[static_cast<std::size_t>(i)] =
           RunExperiment(request, static_cast<std::size_t>(i / request.experiments),
                         static_cast<int>(i % request.experiments), &workspace);
-      if (!progress(++done)) stopped = true;
-    }
-  };
-  {
-    std::vector<std::jthread> threads;
-    for (int t = 1; t < request.threads; ++t) threads.emplace_back(work);
-    work();
-  }
-  if (stopped) return std::nullopt;
+      return progress(++done);
+    };
+  });
+  if (!all) return std::nullopt;
 
   SolverEvaluation evaluation;
   evaluation.figure = request.figure;

@@ -1,17 +1,16 @@
 #include "tools/offline/matching.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <mutex>
 #include <numeric>
 #include <optional>
-#include <thread>
 
 #include "rsfm/estimation/five_point.h"
 #include "rsfm/estimation/ransac.h"
 #include "rsfm/mapping/descriptor_matcher.h"
 #include "rsfm/refraction/best_fit.h"
+#include "tools/common/parallel.h"
 
 namespace rsfm {
 namespace {
@@ -280,25 +279,19 @@ std::vector<VerifiedPair> MatchPairs(const Scene& scene, const std::vector<Image
   for (const SceneImage& image : scene.images)
     descriptors.push_back(Prepare(image, options.preview_features));
   std::vector<std::optional<VerifiedPair>> results(pairs.size());
-  std::atomic<std::size_t> next = 0;
-  std::atomic<bool> stopped = false;
+  const int num_pairs = static_cast<int>(pairs.size());
   std::mutex mutex;
-  const auto work = [&] {
-    PairMatcher matcher(scene, descriptors, options, nominal, static_cast<int>(max_features));
-    for (std::size_t i = next++; i < pairs.size() && !stopped; i = next++) {
+  const bool all = ParallelWork(num_pairs, options.num_threads, [&] {
+    return [&, matcher = PairMatcher(scene, descriptors, options, nominal,
+                                     static_cast<int>(max_features))](int i) mutable {
       results[i] = matcher.Match(pairs[i]);
-      if (!options.progress) continue;
+      if (!options.progress) return true;
       const std::lock_guard<std::mutex> lock(mutex);
-      if (!options.progress(static_cast<int>(i) + 1, static_cast<int>(pairs.size())))
-        stopped = true;
-    }
-  };
-  std::vector<std::thread> threads;
-  for (int t = 1; t < options.num_threads; ++t) threads.emplace_back(work);
-  work();
-  for (std::thread& thread : threads) thread.join();
+      return options.progress(i + 1, num_pairs);
+    };
+  });
   std::vector<VerifiedPair> verified;
-  if (stopped) return verified;
+  if (!all) return verified;
   for (std::optional<VerifiedPair>& result : results)
     if (result) verified.push_back(std::move(*result));
   return verified;

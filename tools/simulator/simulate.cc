@@ -12,7 +12,7 @@
 #include "rsfm/io/mission.h"
 #include "rsfm/io/trajectory.h"
 #include "tools/simulator/ground_truth.h"
-#include "tools/simulator/parallel.h"
+#include "tools/common/parallel.h"
 
 namespace rsfm::simulator {
 namespace {

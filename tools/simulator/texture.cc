@@ -6,7 +6,7 @@
 
 #include "rsfm/base/rng.h"
 #include "tools/simulator/noise.h"
-#include "tools/simulator/parallel.h"
+#include "tools/common/parallel.h"
 
 namespace rsfm::simulator {
 namespace {
