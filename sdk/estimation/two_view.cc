@@ -4,215 +4,20 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
-#include <array>
 #include <cmath>
 
-#include "rsfm/estimation/five_point.h"
 #include "rsfm/estimation/two_view_checks.h"
+#include "rsfm/estimation/two_view_problem.h"
 
 namespace rsfm {
+
+using internal::AnchorScale;
+using internal::MakeRefineOptions;
+
 namespace {
 
 constexpr double kMinSigmaPx = 1e-3;
 constexpr const char* kCheirality = "cheirality";
-
-// The point nearest to all rays, drawn weakly to the mean origin for when they are parallel.
-Vec3 NearestPoint(std::span<const RayPair> pairs, bool of_a) {
-  Mat3 matrix = Mat3::Zero();
-  Vec3 right_side = Vec3::Zero(), mean = Vec3::Zero();
-  for (const RayPair& pair : pairs) {
-    const Ray3& ray = of_a ? pair.a.ray : pair.b.ray;
-    const Mat3 projector = Mat3::Identity() - ray.direction * ray.direction.transpose();
-    matrix += projector;
-    right_side += projector * ray.origin;
-    mean += ray.origin;
-  }
-  const double count = static_cast<double>(pairs.size());
-  const double weak = 1e-3 * count;
-  matrix.diagonal().array() += weak;
-  return matrix.inverse() * (right_side + weak * mean / count);
-}
-
-EpipolarRefineOptions MakeRefineOptions(const TwoViewOptions& options, double sigma_px) {
-  EpipolarRefineOptions refine;
-  refine.weighting = options.weighting;
-  refine.loss = options.loss;
-  refine.loss.scale *= sigma_px;
-  refine.sigma_px = sigma_px;
-  refine.max_iterations = options.max_refine_iterations;
-  refine.min_baseline_m = options.min_baseline_m;
-  refine.max_baseline_m = options.max_baseline_m;
-  refine.priors.length_m = options.baseline_m;
-  refine.priors.sigma_m = options.sigma_baseline_m;
-  refine.priors.weak_log_sigma = options.default_range_log_sigma;
-  return refine;
-}
-
-// The central stand-ins of both cameras: X_b - c_b = R (X_a - c_a) + t_c.
-struct StandIn {
-  std::span<const RayPair> pairs;
-  Vec3 centre_a, centre_b;
-  double port_depth_m =
-      0.0;  // from centre a, the farthest point of the port's outer surface that is looked through
-
-  Vec3 Offset(const Mat3& rotation) const { return centre_b - rotation * centre_a; }
-  RelativePose ToPose(const Mat3& rotation, const Vec3& translation,
-                      const TwoViewOptions& options) const {
-    const Vec3 full = translation + Offset(rotation);
-    const double length = std::clamp(full.norm(), options.min_baseline_m, options.max_baseline_m);
-    return {rotation, full.normalized(), 1.0 / length};
-  }
-};
-
-// The depth of the midpoint along bearing a over the baseline, negative when it is behind both; 0
-// when the bearings are parallel or the point is behind one of the two.
-double DepthRatio(const Mat3& rotation, const Vec3& direction, const RayPair& pair) {
-  const Vec3 a = rotation * pair.bearing_a;
-  const Vec3 normal = a.cross(pair.bearing_b);
-  const double squared_sine = normal.squaredNorm();
-  if (!(squared_sine > 1e-20)) return 0.0;
-  const double depth_a = pair.bearing_b.cross(direction).dot(normal) / squared_sine;
-  const double depth_b = a.cross(direction).dot(normal) / squared_sine;
-  return depth_a * depth_b > 0.0 ? depth_a : 0.0;
-}
-
-// Makes the baseline's sign and length physical before a refinement: refraction that is weak
-// against the noise tells neither, and the constraint alone would let the points move through the
-// port or behind the camera. From at most 64 of the pairs by their median depth over the baseline;
-// sets the bound and the weak prior of the length.
-void AnchorScale(const StandIn& stand_in, std::span<const int> active,
-                 const TwoViewOptions& options, EpipolarRefineOptions* refine, RelativePose* pose) {
-  constexpr std::size_t kMaxUsed = 64;
-  StaticVector<double, 2 * kMaxUsed> ratios;
-  const Vec3 translation =
-      pose->direction / pose->inverse_baseline - stand_in.Offset(pose->rotation);
-  const double length = translation.norm();
-  if (!(length > 0.0)) return;
-  int in_front = 0, behind = 0;
-  const std::size_t stride = 1 + active.size() / kMaxUsed;
-  for (std::size_t i = 0; i < active.size(); i += stride) {
-    const double ratio =
-        DepthRatio(pose->rotation, translation / length, stand_in.pairs[active[i]]);
-    in_front += ratio > 0.0;
-    behind += ratio < 0.0;
-    if (ratio != 0.0) ratios.TryPushBack(std::abs(ratio));
-  }
-  if (ratios.empty()) return;
-  const auto middle = ratios.begin() + ratios.size() / 2;
-  std::nth_element(ratios.begin(), middle, ratios.end());
-  const double default_length = options.default_range_m / *middle;
-  if (behind > in_front) {
-    *pose = stand_in.ToPose(pose->rotation, -default_length * translation / length, options);
-  }
-  refine->min_baseline_m = std::clamp(options.min_range_m / *middle, options.min_baseline_m,
-                                      0.5 * options.max_baseline_m);
-  refine->priors.weak_length_m = default_length;
-  pose->inverse_baseline = std::min(pose->inverse_baseline, 1.0 / refine->min_baseline_m);
-}
-
-// The RANSAC problem: five-point proposals of the central stand-in, judged on the refracted rays.
-class Problem {
- public:
-  static constexpr int kSampleSize = kFivePointSampleSize;
-  static constexpr int kErrorDof = 1;
-  using Model = RelativePose;
-  using Models = StaticVector<RelativePose, 20>;
-
-  Problem(const StandIn& stand_in, const TwoViewOptions& options,
-          const EpipolarRefineOptions& refine)
-      : stand_in_(stand_in), pairs_(stand_in.pairs), options_(options), refine_(refine) {}
-
-  int Size() const { return static_cast<int>(pairs_.size()); }
-
-  void Solve(std::span<const int, kSampleSize> sample, Models* models) const {
-    std::array<Vec3, kSampleSize> a, b;
-    for (int i = 0; i < kSampleSize; ++i) {
-      a[i] = pairs_[sample[i]].bearing_a;
-      b[i] = pairs_[sample[i]].bearing_b;
-    }
-    for (const Mat3& essential : SolveFivePoint(a, b)) {
-      for (const Rigid3& pose : DecomposeEssential(essential)) {
-        const Mat3 rotation = pose.rotation.toRotationMatrix();
-        std::array<double, kSampleSize> ratios;
-        bool is_in_front = true;
-        for (int i = 0; i < kSampleSize && is_in_front; ++i) {
-          ratios[i] = DepthRatio(rotation, pose.translation, pairs_[sample[i]]);
-          is_in_front = ratios[i] > 0.0;
-        }
-        if (!is_in_front) continue;
-        std::nth_element(ratios.begin(), ratios.begin() + kSampleSize / 2, ratios.end());
-        const double length = Length(rotation, pose.translation, ratios[kSampleSize / 2]);
-        models->TryPushBack(stand_in_.ToPose(rotation, length * pose.translation, options_));
-      }
-    }
-  }
-
-  double SquaredError(const Model& model, int i) const {
-    return SquaredSampsonError(model, pairs_[i]);
-  }
-
-  // The virtual epipolar cost on at most about kMaxUsed inliers, evenly chosen.
-  bool Refine(std::span<const int> inliers, Model* model) const {
-    constexpr std::size_t kMaxUsed = 256;
-    StaticVector<int, 2 * kMaxUsed> used;
-    const std::size_t stride = 1 + inliers.size() / kMaxUsed;
-    for (std::size_t i = 0; i < inliers.size(); i += stride) used.TryPushBack(inliers[i]);
-    const std::span<const int> active(used.data(), used.size());
-    EpipolarRefineOptions refine = refine_;
-    AnchorScale(stand_in_, active, options_, &refine, model);
-    RefineEpipolar(pairs_, active, refine, model);
-    return true;
-  }
-
- private:
-  // The length of the baseline between the stand-ins that fits the rays best: e is linear in its
-  // inverse, and a coarse logarithmic grid of ranges over at most 64 pairs suffices as a start.
-  double Length(const Mat3& rotation, const Vec3& direction, double depth_ratio) const {
-    if (options_.sigma_baseline_m > 0.0) return options_.baseline_m;
-    constexpr std::size_t kMaxUsed = 64;
-    std::array<double, 2 * kMaxUsed> constant, slope;
-    std::size_t count = 0;
-    const Vec3 offset = stand_in_.Offset(rotation);
-    const RelativePose far{rotation, direction, 0.0};
-    const std::size_t stride = 1 + pairs_.size() / kMaxUsed;
-    for (std::size_t i = 0; i < pairs_.size(); i += stride) {
-      const RayPair& pair = pairs_[i];
-      const Vec3 normal = (rotation * pair.a.ray.direction).cross(pair.b.ray.direction);
-      const double e = direction.dot(normal);
-      const double pixels =
-          e != 0.0 ? std::sqrt(SquaredSampsonError(far, pair)) / std::abs(e) : 0.0;
-      constant[count] = pixels * e;
-      slope[count++] =
-          pixels * normal.dot(offset + rotation * pair.a.ray.origin - pair.b.ray.origin);
-    }
-    const double max_squared_error = options_.ransac.max_error_px * options_.ransac.max_error_px;
-    const auto score = [&](double inverse_length) {
-      double sum = 0.0;
-      for (std::size_t i = 0; i < count; ++i) {
-        const double error = constant[i] + inverse_length * slope[i];
-        sum += error * error < max_squared_error ? error * error : max_squared_error;
-      }
-      return sum;
-    };
-    // The default stays unless another length is clearly better, as it is where the rays do not
-    // meet in a centre.
-    double length = options_.default_range_m / depth_ratio;
-    double best = (1.0 - 1e-3) * score(1.0 / length);
-    for (const double range : {100.0, 30.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.25}) {
-      const double candidate = score(depth_ratio / range);
-      if (range < options_.min_range_m + stand_in_.port_depth_m || !(candidate < best)) continue;
-      best = candidate;
-      length = range / depth_ratio;
-    }
-    return length;
-  }
-
-  StandIn stand_in_;
-  std::span<const RayPair> pairs_;
-  const TwoViewOptions& options_;
-  EpipolarRefineOptions refine_;
-};
-static_assert(RansacProblem<Problem>);
 
 double Median(FixedVector<double>* values) {
   if (values->empty()) return 0.0;
@@ -230,7 +35,6 @@ Status TwoViewOptions::Validate() const noexcept {
     return Fail(Errc::kInvalidArgument, "max_refine_iterations", max_refine_iterations);
   if (max_bundle_iterations < 0)
     return Fail(Errc::kInvalidArgument, "max_bundle_iterations", max_bundle_iterations);
-  if (!(nominal_range_m > 0.0)) return Fail(Errc::kInvalidArgument, "nominal_range_m");
   if (!(sigma_baseline_m >= 0.0)) return Fail(Errc::kInvalidArgument, "sigma_baseline_m");
   if (!(min_baseline_m > 0.0)) return Fail(Errc::kInvalidArgument, "min_baseline_m");
   if (!(max_baseline_m > min_baseline_m)) return Fail(Errc::kInvalidArgument, "max_baseline_m");
@@ -238,9 +42,8 @@ Status TwoViewOptions::Validate() const noexcept {
     return Fail(Errc::kInvalidArgument, "baseline_m");
   }
   if (!(min_range_m > 0.0)) return Fail(Errc::kInvalidArgument, "min_range_m");
-  if (!(default_range_log_sigma > 0.0))
-    return Fail(Errc::kInvalidArgument, "default_range_log_sigma");
-  if (!(default_range_m > min_range_m)) return Fail(Errc::kInvalidArgument, "default_range_m");
+  if (!(range_log_sigma > 0.0)) return Fail(Errc::kInvalidArgument, "range_log_sigma");
+  if (!(nominal_range_m > min_range_m)) return Fail(Errc::kInvalidArgument, "nominal_range_m");
   if (min_inliers < 7) return Fail(Errc::kInvalidArgument, "min_inliers", min_inliers);
   if (!(max_direction_sigma_rad > 0.0))
     return Fail(Errc::kInvalidArgument, "max_direction_sigma_rad");
@@ -279,8 +82,8 @@ Status TwoViewEstimator::Prepare(const AnyCamera& camera_a, const AnyCamera& cam
   }
   const int usable = static_cast<int>(pairs_.size());
   if (usable < options.min_inliers) return Fail(Errc::kNotEnoughData, "pixels_a", usable);
-  centre_a_ = NearestPoint(pairs_.span(), true);
-  centre_b_ = NearestPoint(pairs_.span(), false);
+  centre_a_ = internal::NearestPoint(pairs_.span(), true);
+  centre_b_ = internal::NearestPoint(pairs_.span(), false);
   port_depth_m_ = 0.0;
   for (RayPair& pair : pairs_) {
     pair.bearing_a = (pair.a.ray.At(options.nominal_range_m) - centre_a_).normalized();
@@ -464,12 +267,12 @@ Expected<TwoViewReport> TwoViewEstimator::RefineWithinWater(const TwoViewImages&
                                                             const RelativePose& pose,
                                                             const TwoViewReport& report) {
   const Expected<TwoViewReport> result =
-      RefineAndJudge(images, options, options.default_range_log_sigma, pose, report);
+      RefineAndJudge(images, options, options.range_log_sigma, pose, report);
   if (result || result.error().where != kCheirality || options.sigma_baseline_m > 0.0)
     return result;
   double sigma_px = report.sigma_px;
   SelectInliers(pose, options.ransac.max_error_px, &sigma_px);
-  return RefineAndJudge(images, options, 0.1 * options.default_range_log_sigma, pose, report);
+  return RefineAndJudge(images, options, 0.1 * options.range_log_sigma, pose, report);
 }
 
 void TwoViewEstimator::AdjustBundle(const TwoViewImages& images, const TwoViewOptions& options,
@@ -500,13 +303,16 @@ Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const TwoViewImages& im
     if (static_cast<int>(active_.size()) < options.min_inliers) break;
     refine = MakeRefineOptions(options, report.sigma_px);
     refine.priors.weak_log_sigma = range_log_sigma;
-    AnchorScale({pairs_.span(), centre_a_, centre_b_, port_depth_m_}, active_.span(), options,
-                &refine, &pose);
+    const internal::StandIn stand_in{pairs_.span(), centre_a_, centre_b_, port_depth_m_};
+    AnchorScale(stand_in, active_.span(), options, &refine, &pose);
     report.refine_iterations += RefineEpipolar(pairs_.span(), active_.span(), refine, &pose);
+    if (round == 0 && !(options.sigma_baseline_m > 0.0))
+      report.refine_iterations +=
+          internal::TryNominalLength(stand_in, active_.span(), options, refine, &pose);
     const std::size_t before = active_.size();
     const double sigma_before = report.sigma_px;
     // What noise throws beyond a tight threshold is information, and without it there is a bias.
-    const double adjusted_px = std::clamp(3.0 * report.sigma_px, max_error_px, 2.0 * max_error_px);
+    const double adjusted_px = std::clamp(4.0 * report.sigma_px, max_error_px, 2.0 * max_error_px);
     SelectInliers(pose, adjusted_px, &report.sigma_px);
     if (active_.size() == before && std::abs(report.sigma_px - sigma_before) < 0.01 * sigma_before)
       break;
@@ -528,7 +334,7 @@ Expected<TwoViewReport> TwoViewEstimator::RefineAndJudge(const TwoViewImages& im
     return tl::unexpected(status.error());
   if (const Status status = CheckCheirality(pose, options, &report); !status)
     return tl::unexpected(status.error());
-  refine.priors.weak_log_sigma = options.default_range_log_sigma;
+  refine.priors.weak_log_sigma = options.range_log_sigma;
   if (const Status status = Describe(pose, refine, options, &report); !status)
     return tl::unexpected(status.error());
   return report;
@@ -546,7 +352,8 @@ Expected<TwoViewReport> TwoViewEstimator::Estimate(const AnyCamera& camera_a,
   local.weighting = EpipolarWeighting::kSampson;
   local.loss = RobustLoss{};
   local.max_iterations = 4;
-  Problem problem({pairs_.span(), centre_a_, centre_b_, port_depth_m_}, options, local);
+  internal::TwoViewProblem problem({pairs_.span(), centre_a_, centre_b_, port_depth_m_}, options,
+                                   local);
   RelativePose pose;
   const Expected<RansacReport> ransac = Ransac(problem, options.ransac, &workspace_, &pose);
   if (!ransac) return tl::unexpected(ransac.error());

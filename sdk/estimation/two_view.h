@@ -5,10 +5,10 @@
 // to the approximation; the virtual epipolar cost is then refined with a robust loss, pose and
 // points are adjusted by the true image error, and what the data do not determine is named.
 // [after She 2024, arXiv:2403.08640, "Relative Pose Estimation"]
-//   The central stand-in sees a point by its direction from the point nearest to all rays, for the
-//   point of each ray at
-// `nominal_range_m`: exact at that range for any lens and port, where the paper's best-fit pinhole
-// is bound to one pinhole.
+//
+// The central stand-in sees a point by its direction from the point nearest to all rays, for the
+// point of each ray at `nominal_range_m`: exact at that range for any lens and port, where the
+// paper's best-fit pinhole is bound to one pinhole.
 #pragma once
 
 #include <cstdint>
@@ -33,16 +33,16 @@ struct TwoViewOptions {
   RobustLoss loss = {LossType::kCauchy, 2.4};  // of that refinement, in units of the noise it finds
   int max_refine_iterations = 20;              // in each of at most 3 rounds: the bound
   int max_bundle_iterations = 10;              // of the closing bundle adjustment; 0: none
-  double nominal_range_m = 5.0;                // where the central stand-in is exact
+  // Where the scene is expected: the central stand-in is exact there, and where nothing determines
+  // the baseline's length the median point stays about that far away (a normal prior on the
+  // logarithm of the range, of which one sigma is by default a factor of e; never part of the
+  // reported sigma).
+  double nominal_range_m = 5.0;
+  double range_log_sigma = 1.0;
 
   // The baseline's length from navigation; sigma 0: not known.
   double baseline_m = 0.0;
   double sigma_baseline_m = 0.0;
-  // Where nothing determines the length the median point stays about this far away
-  // (a normal prior on its logarithm, of which one sigma is by default a factor of e; never part of
-  // the reported sigma).
-  double default_range_m = 3.0;
-  double default_range_log_sigma = 1.0;
   double min_range_m = 0.2;  // of the median point: the scene is outside the housing
   double min_baseline_m = 0.005;
   double max_baseline_m = 1000.0;

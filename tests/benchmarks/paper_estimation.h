@@ -2,9 +2,9 @@
 // arXiv:2403.08640, "Absolute Pose Estimation", "Relative Pose Estimation"]
 //   Absolute: virtual cameras, GP3P in RANSAC with inlier counting on the virtual image, at least
 //   100 trials, then Gauss-Newton of the virtual-image error with numeric derivatives. Relative:
-//   the best-fit perspective camera, five-point in RANSAC with inlier counting on the Sampson
-//   distance, at least 100 trials, then Gauss-Newton of the virtual epipolar cost in six degrees of
-//   freedom with numeric derivatives.
+//   the best-fit perspective camera with distortion, five-point in RANSAC with inlier counting on
+//   the Sampson distance, at least 100 trials, then Gauss-Newton of the virtual epipolar cost in
+//   six degrees of freedom with numeric derivatives.
 #pragma once
 
 #include <Eigen/Cholesky>
@@ -14,8 +14,8 @@
 #include "rsfm/base/rng.h"
 #include "rsfm/estimation/five_point.h"
 #include "rsfm/estimation/gp3p.h"
-#include "rsfm/refraction/best_fit.h"
 #include "rsfm/refraction/virtual_camera.h"
+#include "tools/evaluation/distorted_best_fit.h"
 
 namespace rsfm::paper {
 
@@ -111,15 +111,20 @@ inline Rigid3 AbsolutePose(const AnyCamera& camera, const std::vector<Vec2>& pix
 inline Rigid3 RelativePose(const AnyCamera& camera, const std::vector<Vec2>& pixels_a,
                            const std::vector<Vec2>& pixels_b, double max_error_px,
                            std::uint64_t seed) {
-  const Expected<BestFitPerspective> best_fit = FitPerspective(camera);
+  const std::optional<AnyCamera> best_fit = FitWithDistortion(camera);
   if (!best_fit) return {};
+  const auto bearing = [&best_fit](const Vec2& pixel) {
+    Ray3 ray;
+    (void)best_fit->Backproject(pixel, &ray);
+    return Vec3(ray.direction / ray.direction.z());
+  };
   const std::size_t size = pixels_a.size();
   std::vector<Vec3> bearings_a(size), bearings_b(size);
   std::vector<Ray3> rays_a(size), rays_b(size);
   std::vector<VirtualCamera> cameras_a(size), cameras_b(size);
   for (std::size_t i = 0; i < size; ++i) {
-    bearings_a[i] = best_fit->Normalise(pixels_a[i]).homogeneous();
-    bearings_b[i] = best_fit->Normalise(pixels_b[i]).homogeneous();
+    bearings_a[i] = bearing(pixels_a[i]);
+    bearings_b[i] = bearing(pixels_b[i]);
     (void)camera.Backproject(pixels_a[i], &rays_a[i]);
     (void)camera.Backproject(pixels_b[i], &rays_b[i]);
     (void)ComputeVirtualCamera(camera, pixels_a[i], &cameras_a[i]);
@@ -141,7 +146,7 @@ inline Rigid3 RelativePose(const AnyCamera& camera, const std::vector<Vec2>& pix
     }
     return poses;
   };
-  const double max_error = max_error_px / best_fit->fx;
+  const double max_error = max_error_px / best_fit->config().lens_params[0];
   const auto is_inlier = [&](const Rigid3& pose, int i) {
     const Mat3 essential = Hat(pose.translation) * pose.rotation.toRotationMatrix();
     const Vec3 line_b = essential * bearings_a[i], line_a = essential.transpose() * bearings_b[i];

@@ -1,19 +1,16 @@
 #include "tools/evaluation/solver_methods.h"
 
-#include <ceres/ceres.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <vector>
 
-#include "rsfm/camera/lens_list.h"
 #include "rsfm/estimation/five_point.h"
 #include "rsfm/estimation/generalised_eight_point.h"
 #include "rsfm/estimation/ransac.h"
 #include "rsfm/estimation/ray_pair.h"
 #include "rsfm/estimation/seventeen_point.h"
-#include "rsfm/refraction/best_fit.h"
+#include "tools/evaluation/distorted_best_fit.h"
 
 namespace rsfm {
 namespace {
@@ -154,54 +151,6 @@ std::optional<SolverResult> SolveCentral(const AnyCamera& camera, const std::vec
   RansacOptions options = PaperRansac(4.0, seed);
   options.max_refinements = RansacOptions().max_refinements;
   return RunRansac<LocallyOptimisedFivePoint>(pairs, pixels_a.size(), options, workspace, &pose);
-}
-
-struct FitResidual {
-  Vec3 point;
-  Vec2 pixel;
-  template <class T>
-  bool operator()(const T* params, T* residual) const {
-    Vec2T<T> projected;
-    if (!OpenCV::ProjectT<T>(params, point.cast<T>(), &projected)) return false;
-    residual[0] = projected.x() - pixel.x();
-    residual[1] = projected.y() - pixel.y();
-    return true;
-  }
-};
-
-// The best-approximated perspective camera as the peer has it: with distortion, OPENCV's, fitted to
-// points at 5 m, for no pinhole comes within the inliers' 4 px of a wide view through a flat port.
-std::optional<AnyCamera> FitWithDistortion(const AnyCamera& camera) {
-  constexpr int kColumns = 40, kRows = 25;
-  constexpr double kRange = 5.0;
-  const auto start = FitPerspective(camera);
-  if (!start) return std::nullopt;
-  std::array<double, 8> params = {start->fx, start->fy, start->cx, start->cy, 0.0, 0.0, 0.0, 0.0};
-  ceres::Problem problem;
-  for (int row = 0; row < kRows; ++row) {
-    for (int column = 0; column < kColumns; ++column) {
-      const Vec2 pixel((column + 0.5) / kColumns * camera.width(),
-                       (row + 0.5) / kRows * camera.height());
-      Ray3 ray;
-      if (camera.Backproject(pixel, &ray) != Projection::kOk) continue;
-      problem.AddResidualBlock(new ceres::AutoDiffCostFunction<FitResidual, 2, 8>(
-                                   new FitResidual{ray.At(kRange), pixel}),
-                               nullptr, params.data());
-    }
-  }
-  ceres::Solver::Options options;
-  options.linear_solver_type = ceres::DENSE_QR;
-  options.logging_type = ceres::SILENT;
-  ceres::Solver::Summary summary;
-  ceres::Solve(options, &problem, &summary);
-  CameraConfig config = camera.config();
-  config.port = PortConfig();
-  config.lens = LensModel::kOpenCV;
-  config.lens_params = {params[0], params[1], params[2], params[3],
-                        params[4], params[5], params[6], params[7]};
-  const auto fitted = AnyCamera::Create(config);
-  if (!fitted) return std::nullopt;
-  return *fitted;
 }
 
 std::optional<SolverResult> SolveBestFit(const AnyCamera& camera, const RelativePoseScene& scene,
