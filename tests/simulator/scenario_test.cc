@@ -94,7 +94,7 @@ INSTANTIATE_TEST_SUITE_P(
         BadCase{"trajectory: {speed_mps: .nan}\n", "trajectory.speed_mps", "not finite"},
         BadCase{"trajectory: {speed_mps: -1}\n", "trajectory.speed_mps", "out of range"},
         BadCase{"trajectory: {turns: sideways}\n", "trajectory.turns", "rotate or strafe"},
-        BadCase{"trajectory: {altitude_m: 30}\n", "trajectory", "out of the water"},
+        BadCase{"trajectory: {altitude_m: 30}\n", "trajectory.altitude_m", "out of the water"},
         BadCase{"trajectory: 3\n", "trajectory", "not a mapping"},
         BadCase{"images: {rate_hz: 0}\n", "images.rate_hz", "out of range"},
         BadCase{"images: {format: tiff}\n", "images.format", "png or jpg"},

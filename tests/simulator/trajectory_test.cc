@@ -97,5 +97,55 @@ TEST(LawnmowerTest, SeedDecidesTheSwayAlone) {
   EXPECT_LT((pose.translation - other->WorldFromBody(11.0).translation).norm(), 1.0);
 }
 
+TEST(LawnmowerTest, ASmallerSurveyKeepsSpacingAndSpeed) {
+  LawnmowerOptions whole = Steady();
+  whole.legs = 20;
+  whole.leg_length_m = 24.0;
+  const double rate_hz = 1.0;
+  const auto count = [&](const LawnmowerOptions& o) {
+    return static_cast<int>(MakeLawnmower(o, 20.0)->duration_s() * rate_hz) + 1;
+  };
+  const int all = count(whole);
+  for (const int images : {2, 30, 300, all / 2, all - 1}) {
+    const LawnmowerOptions part = FitToImages(whole, images, rate_hz);
+    EXPECT_GE(count(part), images);
+    EXPECT_LE(count(part), images + 2);
+    EXPECT_EQ(part.leg_spacing_m, whole.leg_spacing_m);
+    EXPECT_EQ(part.speed_mps, whole.speed_mps);
+    EXPECT_LE(part.leg_length_m, whole.leg_length_m);
+    EXPECT_LE(part.legs, whole.legs);
+    if (images < 300) continue;
+    // About as long as wide, as the whole is.
+    EXPECT_LT(part.leg_length_m / (part.legs * part.leg_spacing_m), 2.0);
+    EXPECT_GT(part.leg_length_m / (part.legs * part.leg_spacing_m), 0.5);
+  }
+  EXPECT_EQ(FitToImages(whole, all + 5, rate_hz).legs, whole.legs);
+}
+
+TEST(OrbitTest, TheCameraLooksInwardsAndStaysInItsRings) {
+  OrbitOptions options;
+  const Rigid3 body_from_camera(ExpSo3(Vec3(0.3, -0.2, 0.9)), Vec3(0.2, 0.1, -0.1));
+  const auto trajectory = MakeOrbit(options, body_from_camera, 1.0, 2.0);
+  EXPECT_NEAR(trajectory->duration_s(), 105 / 2.0, 1e-9);
+  Vec3 last = Vec3::Zero();
+  for (int i = 0; i < options.images; ++i) {
+    const Rigid3 world_from_camera = trajectory->WorldFromBody(i / 2.0) * body_from_camera;
+    const Vec3& place = world_from_camera.translation;
+    const Vec3 axis = world_from_camera.rotation * Vec3::UnitZ();
+    EXPECT_LE(std::abs(place.x()), options.radius_north_m + 1e-9);
+    EXPECT_LE(std::abs(place.y()), options.radius_east_m + 1e-9);
+    EXPECT_LT(place.z(), 1.0 - options.bottom_height_m + options.bob_m + 1e-9);
+    EXPECT_GT(axis.z(), 0.3);  // down
+    // Towards the far side, and level but for the roll.
+    EXPECT_LT(axis.head<2>().dot(place.head<2>()), 0.0);
+    const Vec3 right = world_from_camera.rotation * Vec3::UnitX();
+    EXPECT_LT(std::abs(right.z()), std::sin(options.roll_deg * std::numbers::pi / 180.0) + 1e-9);
+    if (i > 0) {
+      EXPECT_LT((place - last).norm(), 0.11);
+    }
+    last = place;
+  }
+}
+
 }  // namespace
 }  // namespace rsfm::simulator

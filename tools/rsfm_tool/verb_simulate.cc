@@ -16,7 +16,8 @@ CLI::App* DeclareSimulate(CLI::App& app, SimulateOptions* options) {
   verb->add_option("SCENARIO", options->scenario, "Scenario file (see tools/scenarios)")
       ->required();
   verb->add_option("--out", options->out, "Mission folder to write")->required();
-  verb->add_option("--images", options->max_images, "Stop after this many images")
+  verb->add_option("--images", options->max_images,
+                   "At most this many: a survey is made smaller, any other path is cut off")
       ->check(CLI::PositiveNumber);
   verb->add_option("--threads", options->threads, "Threads to render with; default: all cores")
       ->check(CLI::Range(1, 1024));
@@ -30,7 +31,10 @@ int RunSimulate(const SimulateOptions& options) {
     for (std::size_t i = 1; i < problems.size(); ++i) Report(problems[i]);
     return Report(scenario.error());
   }
-  if (options.max_images > 0) scenario->images.max_images = options.max_images;
+  if (options.max_images > 0) {
+    scenario->images.max_images = options.max_images;
+    scenario->images.survey_images = options.max_images;
+  }
 
   simulator::SimulationHooks hooks;
   hooks.num_threads = options.threads > 0

@@ -232,6 +232,8 @@ void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, i
     point.lod_dither = (static_cast<float>(sample) + 0.5f) / static_cast<float>(samples);
     point.mesh = hit.mesh;
     point.triangle = hit.triangle;
+    point.u = hit.u;
+    point.v = hit.v;
     s.sample_of_point.push_back(i);
   }
   s.albedo.resize(s.points.size());

@@ -7,83 +7,12 @@
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/text.h"
 #include "rsfm/io/yaml_map.h"
+#include "tools/simulator/scenario_section.h"
 
 namespace rsfm::simulator {
 namespace {
 
 constexpr std::size_t kMaxScenarioBytes = std::size_t{1} << 20;
-
-constexpr Bounds kMetres{1e-3, 1e4, "give metres, from 0.001 to 10000"};
-constexpr Bounds kLength{0.0, 1e4, "give metres, 0 or more"};
-constexpr Bounds kDepth{0.1, 11000.0, "give metres below the surface, from 0.1 to 11000"};
-constexpr Bounds kSigma{0.0, 1e3, "give a standard deviation, 0 or more"};
-constexpr Bounds kShare{0.0, 1.0, "give a share from 0 to 1"};
-constexpr Bounds kDegrees{-360.0, 360.0, "give degrees from -360 to 360"};
-constexpr Bounds kSway{0.0, 60.0, "give degrees from 0 to 60"};
-constexpr Bounds kRate{1e-3, 1e3, "give a rate in Hz, from 0.001 to 1000"};
-constexpr Bounds kSeconds{1e-3, 1e6, "give seconds, from 0.001 to 1000000"};
-constexpr Bounds kDelay{-10.0, 10.0, "give seconds from -10 to 10"};
-constexpr Bounds kElectrons{0.0, 1e7, "give electrons, from 0 to 10000000"};
-
-// One section: reads what is there into variables that hold the defaults.
-class Section {
- public:
-  Section(YamlMap* parent, const char* key)
-      : Section(parent->GetMap(key, Need::kOptional), parent->PathOf(key), parent) {}
-  Section(const Section&) = delete;
-  ~Section() {
-    if (is_there_) map_.Finish();
-  }
-
-  void Get(const char* key, const Bounds& bounds, double* value) {
-    if (is_there_) map_.GetNumber(key, Need::kOptional, bounds, value);
-  }
-  void Get(const char* key, bool* value) {
-    if (is_there_) map_.GetBool(key, Need::kOptional, value);
-  }
-  void Get(const char* key, std::int64_t low, std::int64_t high, int* value) {
-    std::int64_t number = 0;
-    if (is_there_ && map_.GetInteger(key, Need::kOptional, low, high, &number)) {
-      *value = static_cast<int>(number);
-    }
-  }
-  void Get(const char* key, Utime* value) {
-    if (is_there_) map_.GetInteger(key, Need::kOptional, 0, 4'000'000'000'000'000, value);
-  }
-  void GetVec3(const char* key, double low, double high, const char* fix, Vec3* value) {
-    Vec3 read;
-    if (!is_there_ || !map_.GetVec3(key, Need::kOptional, &read)) return;
-    if ((read.array() < low).any() || (read.array() > high).any()) {
-      map_.AddProblem(key, "is out of range", fix);
-    } else {
-      *value = read;
-    }
-  }
-  // Which of two words.
-  void GetWord(const char* key, const char* first, const char* second, bool* is_second) {
-    std::string word;
-    if (!is_there_ || !map_.GetText(key, Need::kOptional, &word)) return;
-    if (word != first && word != second) {
-      map_.AddProblem(key, Quoted(word) + " is not one of its values",
-                      std::string("give ") + first + " or " + second);
-    } else {
-      *is_second = word == second;
-    }
-  }
-
-  YamlMap& map() { return map_; }
-  bool is_there() const { return is_there_; }
-
- private:
-  // An absent section, or one that is no mapping (a problem already), reads as an empty one.
-  Section(const YAML::Node& node, const std::string& path, YamlMap* parent)
-      : map_(node ? node : YAML::Node(YAML::NodeType::Map), path, parent->file(),
-             parent->problems()),
-        is_there_(node.IsDefined()) {}
-
-  YamlMap map_;
-  bool is_there_;
-};
 
 void ReadImages(YamlMap* root, ImageOptions* images) {
   Section s(root, "images");
@@ -93,51 +22,8 @@ void ReadImages(YamlMap* root, ImageOptions* images) {
   images->format = is_jpeg ? ImageOptions::Format::kJpeg : ImageOptions::Format::kPng;
   s.Get("jpeg_quality", 1, 100, &images->jpeg_quality);
   s.Get("max_images", 0, 1'000'000, &images->max_images);
+  s.Get("survey_images", 0, 1'000'000, &images->survey_images);
   s.Get("start_utime", &images->start_utime);
-}
-
-void ReadTrajectory(YamlMap* root, LawnmowerOptions* t) {
-  Section s(root, "trajectory");
-  s.Get("legs", 1, 1000, &t->legs);
-  s.Get("leg_length_m", kMetres, &t->leg_length_m);
-  s.Get("leg_spacing_m", kMetres, &t->leg_spacing_m);
-  s.Get("altitude_m", {0.05, 100.0, "give metres, from 0.05 to 100"}, &t->altitude_m);
-  s.Get("heading_deg", kDegrees, &t->heading_deg);
-  s.Get("speed_mps", {1e-3, 20.0, "give metres per second, from 0.001 to 20"}, &t->speed_mps);
-  bool strafes = t->turns == LawnmowerOptions::Turns::kStrafe;
-  s.GetWord("turns", "rotate", "strafe", &strafes);
-  t->turns = strafes ? LawnmowerOptions::Turns::kStrafe : LawnmowerOptions::Turns::kRotate;
-  s.Get("turn_radius_m", kMetres, &t->turn_radius_m);
-  s.Get("max_turn_rate_dps", {0.1, 360.0, "give degrees per second, from 0.1 to 360"},
-        &t->max_turn_rate_dps);
-  s.Get("max_acceleration_mps2", {1e-3, 100.0, "give m/s^2, from 0.001 to 100"},
-        &t->max_acceleration_mps2);
-  s.Get("roll_deg", kSway, &t->roll_deg);
-  s.Get("pitch_deg", kSway, &t->pitch_deg);
-  s.Get("yaw_deg", kSway, &t->yaw_deg);
-  s.Get("sway_m", kLength, &t->sway_m);
-  s.Get("heave_m", kLength, &t->heave_m);
-  s.Get("sway_period_s", kSeconds, &t->sway_period_s);
-}
-
-void ReadSeafloor(YamlMap* root, SeafloorOptions* f) {
-  Section s(root, "seafloor");
-  s.Get("depth_m", kDepth, &f->depth_m);
-  s.Get("relief_m", kLength, &f->relief_m);
-  s.Get("relief_length_m", kMetres, &f->relief_length_m);
-  s.Get("ripple_height_m", kLength, &f->ripple_height_m);
-  s.Get("ripple_length_m", kMetres, &f->ripple_length_m);
-  s.Get("stones_per_m2", {0.0, 1000.0, "give stones per square metre, from 0 to 1000"},
-        &f->stones_per_m2);
-  s.Get("stone_min_radius_m", kMetres, &f->stone_min_radius_m);
-  s.Get("stone_max_radius_m", kMetres, &f->stone_max_radius_m);
-  s.Get("poor_fraction", kShare, &f->poor_fraction);
-  s.Get("repeat_fraction", kShare, &f->repeat_fraction);
-  s.Get("repeat_length_m", kMetres, &f->repeat_length_m);
-  s.Get("cell_m", kMetres, &f->cell_m);
-  if (s.is_there() && f->stone_max_radius_m < f->stone_min_radius_m) {
-    s.map().AddProblem("stone_max_radius_m", "is less than stone_min_radius_m", "make it larger");
-  }
 }
 
 void ReadStrobes(Section* water, std::vector<Strobe>* strobes) {
@@ -262,8 +148,8 @@ void ReadAll(const YAML::Node& document, const std::filesystem::path& path,
   }
   if (document.IsMap()) ReadRigOf(&root, document, path, &scenario->rig);
   ReadImages(&root, &scenario->images);
-  ReadTrajectory(&root, &scenario->trajectory);
-  ReadSeafloor(&root, &scenario->seafloor);
+  ReadScene(&root, path.parent_path(), scenario);
+  ReadTrajectory(&root, path.parent_path(), scenario);
   ReadWater(&root, &scenario->water);
   ReadSensor(&root, &scenario->sensor);
   ReadNavigation(&root, &scenario->navigation);
@@ -273,10 +159,6 @@ void ReadAll(const YAML::Node& document, const std::filesystem::path& path,
     s.Get("range", &scenario->ground_truth.range);
   }
   root.Finish();
-  if (scenario->trajectory.altitude_m >= scenario->seafloor.depth_m) {
-    root.AddProblem("trajectory", "altitude_m would lift the vehicle out of the water",
-                    "make it less than seafloor.depth_m");
-  }
 }
 
 }  // namespace
@@ -299,6 +181,7 @@ IoExpected<Scenario> ParseScenario(const std::string& text, const std::filesyste
   if (!found.empty()) return Fail(found.front());
   scenario.trajectory.seed = scenario.seed;
   scenario.seafloor.seed = scenario.seed;
+  scenario.tank.seed = scenario.seed;
   scenario.sensor.seed = scenario.seed;
   scenario.navigation.seed = scenario.seed;
   scenario.navigation.dvl.dvl_in_body_m = scenario.rig.sensors.dvl_in_body_m;

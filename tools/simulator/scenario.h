@@ -7,6 +7,7 @@
 #include "tools/simulator/nav_sensors.h"
 #include "tools/simulator/renderer.h"
 #include "tools/simulator/seafloor.h"
+#include "tools/simulator/tank.h"
 #include "tools/simulator/trajectory.h"
 #include "tools/simulator/water.h"
 
@@ -18,7 +19,9 @@ struct ImageOptions {
   double rate_hz = 1.0;
   Format format = Format::kJpeg;
   int jpeg_quality = 92;
-  int max_images = 0;                         // 0: to the end of the trajectory
+  int max_images = 0;  // 0: to the end of the trajectory
+  int survey_images =
+      0;  // a lawn-mower survey is made smaller until that many cover it; 0: as it is
   Utime start_utime = 1'767'225'600'000'000;  // of the first image: 2026-01-01 00:00 UTC
 };
 
@@ -27,16 +30,26 @@ struct GroundTruthOptions {
   bool range = false;  // a range image per image, 32-bit float, metres along the ray in water
 };
 
+enum class SceneKind : std::uint8_t { kSeafloor, kTank };
+enum class PathKind : std::uint8_t { kLawnmower, kOrbit };
+
 struct Scenario {
   std::uint64_t seed = 1;  // of everything; the parts derive theirs from it
   Rig rig;
   ImageOptions images;
+  PathKind path = PathKind::kLawnmower;
   LawnmowerOptions trajectory;
+  OrbitOptions orbit;
+  SceneKind scene = SceneKind::kSeafloor;
   SeafloorOptions seafloor;  // its area is that of the trajectory's footprints
+  TankOptions tank;
   WaterOptions water;
   SensorOptions sensor;
   NavSensorOptions navigation;
   GroundTruthOptions ground_truth;
+
+  // World depth of the scene's mean floor.
+  double FloorDepth() const { return scene == SceneKind::kTank ? tank.depth_m : seafloor.depth_m; }
 };
 
 // Reads a scenario file. `rig` is required: a mapping with rig.yaml's sections, or the path of a

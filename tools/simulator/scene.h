@@ -32,6 +32,8 @@ struct SurfacePoint {
   float lod_dither = 0.0f;  // [0, 1), constant per sample of a pixel: blends mip levels by sampling
   std::uint32_t mesh = 0;
   std::uint32_t triangle = 0;
+  float u = 0.0f;  // barycentric weights of the triangle's second and third vertex
+  float v = 0.0f;
 };
 
 class Scene {

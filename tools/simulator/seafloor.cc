@@ -1,12 +1,11 @@
 #include "tools/simulator/seafloor.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 
 #include "rsfm/base/rng.h"
-#include "tools/simulator/noise.h"
 #include "tools/common/parallel.h"
+#include "tools/simulator/noise.h"
 #include "tools/simulator/stones.h"
 #include "tools/simulator/texture.h"
 
@@ -18,13 +17,6 @@ constexpr float kDetailTexelM = 0.0011f;  // repeats after 4.5 m, beyond one ima
 constexpr float kMaskTexelM = 0.05f;
 constexpr std::size_t kMaxCells = 4'000'000;
 constexpr double kMaxMacroTexels = 32e6;
-
-// log2 to 0.09, monotone and the same everywhere: good enough to choose a mip level.
-float RoughLog2(float x) {
-  const auto bits = std::bit_cast<std::uint32_t>(std::max(x, 1e-12f));
-  return static_cast<float>(static_cast<int>(bits >> 23) - 127) +
-         static_cast<float>(bits & 0x7FFFFFu) * 0x1.0p-23f;
-}
 
 float SmoothStep(float low, float high, float x) {
   const float t = std::clamp((x - low) / (high - low), 0.0f, 1.0f);

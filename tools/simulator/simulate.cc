@@ -11,8 +11,9 @@
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/mission.h"
 #include "rsfm/io/trajectory.h"
-#include "tools/simulator/ground_truth.h"
 #include "tools/common/parallel.h"
+#include "tools/simulator/ground_truth.h"
+#include "tools/simulator/nav_log.h"
 
 namespace rsfm::simulator {
 namespace {
@@ -38,16 +39,18 @@ class MissionBuilder {
     const auto camera = AnyCamera::Create(scenario_.rig.camera);
     if (!camera) return Refuse("rig.camera", camera.error().where, "correct the rig");
     PlanShots();
-    if (auto status = PlanArea(*camera); !status) return Fail(status.error());
+    if (scenario_.scene == SceneKind::kSeafloor) {
+      if (auto status = PlanArea(*camera); !status) return Fail(status.error());
+    }
     auto folder = AtomicFolder::Create(out, Existing::kReplace);
     if (!folder) return Fail(folder.error());
-    const auto scene = MakeSeafloor(scenario_.seafloor, hooks_.num_threads);
+    const auto scene = MakeScene();
     const auto caster = RayCaster::Create(scene->meshes());
     if (caster == nullptr) {
       return Fail({Errc::kUnsupported, "", "Embree", "cannot be started on this machine", ""});
     }
     if (auto status = CheckClearance(*scene, *caster); !status) return Fail(status.error());
-    const Water water(scenario_.water, scenario_.trajectory.altitude_m, scenario_.sensor.grey);
+    const Water water(scenario_.water, ExposedRange(*scene, *caster), scenario_.sensor.grey);
     const Renderer renderer(*camera, *scene, *caster, water, scenario_.sensor, hooks_.num_threads);
     if (renderer.CoveredFraction() < 0.01) {
       return Refuse("rig", "hardly any pixel has a ray through the port into the water",
@@ -69,12 +72,34 @@ class MissionBuilder {
     return Fail({Errc::kInvalidArgument, "", std::move(field), std::move(problem), std::move(fix)});
   }
 
+  std::unique_ptr<Trajectory> MakeTrajectory() const {
+    const double floor_m = scenario_.FloorDepth();
+    const double rate_hz = scenario_.images.rate_hz;
+    if (scenario_.path == PathKind::kOrbit) {
+      return MakeOrbit(scenario_.orbit, scenario_.rig.body_from_camera, floor_m, rate_hz);
+    }
+    const int images = scenario_.images.survey_images;
+    return MakeLawnmower(
+        images > 0 ? FitToImages(scenario_.trajectory, images, rate_hz) : scenario_.trajectory,
+        floor_m);
+  }
+
+  std::unique_ptr<Scene> MakeScene() const {
+    if (scenario_.scene == SceneKind::kTank) return MakeTank(scenario_.tank, hooks_.num_threads);
+    return MakeSeafloor(scenario_.seafloor, hooks_.num_threads);
+  }
+
   void PlanShots() {
-    trajectory_ = MakeLawnmower(scenario_.trajectory, scenario_.seafloor.depth_m);
+    trajectory_ = MakeTrajectory();
+    int limit = scenario_.images.max_images;
+    if (scenario_.path == PathKind::kLawnmower && scenario_.images.survey_images > 0) {
+      limit = limit > 0 ? std::min(limit, scenario_.images.survey_images)
+                        : scenario_.images.survey_images;
+    }
     const char* extension = scenario_.images.format == ImageOptions::Format::kPng ? "png" : "jpg";
     const double period = 1.0 / scenario_.images.rate_hz;
-    for (int i = 0; i * period <= trajectory_->duration_s(); ++i) {
-      if (scenario_.images.max_images > 0 && i >= scenario_.images.max_images) break;
+    for (int i = 0; i * period <= trajectory_->duration_s() + 1e-6; ++i) {
+      if (limit > 0 && i >= limit) break;
       Shot shot;
       char name[32];
       std::snprintf(name, sizeof name, "%06d.%s", i, extension);
@@ -115,7 +140,7 @@ class MissionBuilder {
         const Vec3 origin = shot.world_from_camera * ray.origin;
         const Vec3 direction = shot.world_from_camera.rotation * ray.direction;
         // What looks along the floor or up sees no farther than ten altitudes.
-        const double reach = 10.0 * scenario_.trajectory.altitude_m;
+        const double reach = 10.0 * std::max(0.1, floor.depth_m - origin.z());
         const double down = (lowest - origin.z()) / std::max(direction.z(), 1e-3);
         const Vec2 place = (origin + std::min(std::abs(down), reach) * direction).head<2>();
         floor.min_ne_m = floor.min_ne_m.cwiseMin(place);
@@ -138,29 +163,59 @@ class MissionBuilder {
     return hit ? static_cast<double>(hit->range_m) : -1.0;
   }
 
+  // Distance in water along the optical axis that the exposure is set for.
+  double ExposedRange(const Scene& scene, const RayCaster& caster) const {
+    if (scenario_.path == PathKind::kLawnmower) return scenario_.trajectory.altitude_m;
+    std::vector<double> ranges_m;
+    for (const Shot& shot : shots_) {
+      const Vec3 in_scene = shot.world_from_camera.translation - scene.WorldOffset();
+      const Vec3 axis = shot.world_from_camera.rotation * Vec3::UnitZ();
+      const auto hit = caster.Trace(in_scene.cast<float>(), axis.cast<float>());
+      if (hit) ranges_m.push_back(hit->range_m);
+    }
+    if (ranges_m.empty()) return 1.0;
+    const auto middle = ranges_m.begin() + static_cast<std::ptrdiff_t>(ranges_m.size() / 2);
+    std::nth_element(ranges_m.begin(), middle, ranges_m.end());
+    return *middle;
+  }
+
   IoStatus CheckClearance(const Scene& scene, const RayCaster& caster) const {
     for (const Shot& shot : shots_) {
-      const double altitude = AltitudeAt(scene, caster, shot.world_from_camera.translation);
-      if (altitude >= kMinClearanceM) continue;
-      return Refuse("trajectory.altitude_m",
-                    "the camera would touch the seafloor in image " + shot.name,
-                    "fly higher, or lower seafloor.relief_m and stone_max_radius_m");
+      const Vec3& place = shot.world_from_camera.translation;
+      if (scenario_.scene == SceneKind::kSeafloor) {
+        if (AltitudeAt(scene, caster, place) >= kMinClearanceM) continue;
+        return Refuse("trajectory.altitude_m",
+                      "the camera would touch the seafloor in image " + shot.name,
+                      "fly higher, or lower seafloor.relief_m and stone_max_radius_m");
+      }
+      if (IsClear(scene, caster, place)) continue;
+      return Refuse("trajectory",
+                    "the camera would touch or be behind a surface in image " + shot.name,
+                    "move the path away from walls and objects");
     }
     return {};
   }
 
+  // No surface nearer than the clearance in 26 directions, nor one seen from behind.
+  static bool IsClear(const Scene& scene, const RayCaster& caster, const Vec3& in_world) {
+    const Vec3f origin = (in_world - scene.WorldOffset()).cast<float>();
+    for (int i = 0; i < 27; ++i) {
+      const Vec3f direction(static_cast<float>(i % 3 - 1), static_cast<float>(i / 3 % 3 - 1),
+                            static_cast<float>(i / 9 - 1));
+      if (direction.isZero()) continue;
+      const auto hit = caster.Trace(origin, direction.normalized());
+      if (!hit) continue;
+      const TriangleMesh& mesh = scene.meshes()[hit->mesh];
+      const auto& [a, b, c] = mesh.triangles[hit->triangle];
+      const Vec3f normal =
+          (mesh.vertices[b] - mesh.vertices[a]).cross(mesh.vertices[c] - mesh.vertices[a]);
+      if (hit->range_m < kMinClearanceM || normal.dot(direction) > 0.0f) return false;
+    }
+    return true;
+  }
+
   IoStatus WriteNavigation(const std::filesystem::path& folder, const Scene& scene,
                            const RayCaster& caster);
-  template <class Message>
-  IoStatus Log(InputType type, const char* fallback, const Message& message,
-               MissionWriter* writer) {
-    std::string channel = fallback;
-    for (const BusInput& input : scenario_.rig.bus.inputs) {
-      if (input.type == type) channel = input.channel;
-    }
-    return writer->Log(channel, message.utime, message);
-  }
-  IoStatus LogMeasurement(const NavMeasurement& measurement, MissionWriter* writer);
   IoStatus WriteImages(const std::filesystem::path& folder, const Renderer& renderer);
   IoStatus WriteImage(const std::filesystem::path& folder, const Renderer& renderer, int index);
   IoStatus WriteTruth(const std::filesystem::path& folder, const Scene& scene);
@@ -172,67 +227,6 @@ class MissionBuilder {
   SimulationReport report_;
 };
 
-void SetDiagonal(const Vec3& sigma, double* covariance) {
-  for (int i = 0; i < 3; ++i) covariance[4 * i] = sigma[i] * sigma[i];
-}
-
-IoStatus MissionBuilder::LogMeasurement(const NavMeasurement& m, MissionWriter* writer) {
-  const NavSample& s = m.sample;
-  switch (m.source) {
-    case NavSource::kAttitude: {
-      ahrs_t message{};
-      message.utime = s.utime;
-      message.valid = ahrs_t::VALID_ATTITUDE;
-      message.valid |= ahrs_t::VALID_ROTATION_RATE;
-      const Quat& q = s.ned_from_body;
-      const double wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
-      std::copy(wxyz, wxyz + 4, message.ned_from_body_q);
-      SetDiagonal(s.sigma_attitude_rad, message.attitude_cov_rad2);
-      for (int i = 0; i < 3; ++i) message.rotation_rate_radps[i] = m.rate_radps[i];
-      return Log(InputType::kAhrs, "RSFM_AHRS", message, writer);
-    }
-    case NavSource::kDvl: {
-      dvl_t message{};
-      message.utime = s.utime;
-      message.valid = dvl_t::VALID_VELOCITY;
-      for (int i = 0; i < 3; ++i) message.velocity_body_mps[i] = m.velocity_at_dvl_mps[i];
-      SetDiagonal(s.sigma_velocity_mps, message.velocity_cov_m2ps2);
-      if (s.Has(NavField::kAltitude)) {
-        message.valid |= dvl_t::VALID_ALTITUDE;
-        message.altitude_m = s.altitude_m;
-        message.altitude_sigma_m = s.sigma_altitude_m;
-      }
-      return Log(InputType::kDvl, "RSFM_DVL", message, writer);
-    }
-    case NavSource::kDepth: {
-      depth_t message{};
-      message.utime = s.utime;
-      message.valid = 1;
-      message.depth_m = s.depth_m;
-      message.sigma_m = s.sigma_depth_m;
-      return Log(InputType::kDepth, "RSFM_DEPTH", message, writer);
-    }
-    case NavSource::kAltimeter:
-    case NavSource::kPosition:
-      break;
-  }
-  // In the local frame already: a vehicle's own solution, as it would put it on the bus.
-  nav_t message{};
-  message.utime = s.utime;
-  message.ned_from_body_q[0] = 1.0;
-  if (s.Has(NavField::kPosition)) {
-    message.valid |= nav_t::VALID_POSITION;
-    for (int i = 0; i < 3; ++i) message.position_ned_m[i] = s.position_ned_m[i];
-    SetDiagonal(s.sigma_position_m, message.position_cov_m2);
-  }
-  if (s.Has(NavField::kAltitude)) {
-    message.valid |= nav_t::VALID_ALTITUDE;
-    message.altitude_m = s.altitude_m;
-    message.altitude_sigma_m = s.sigma_altitude_m;
-  }
-  return Log(InputType::kNav, "RSFM_NAV", message, writer);
-}
-
 IoStatus MissionBuilder::WriteNavigation(const std::filesystem::path& folder, const Scene& scene,
                                          const RayCaster& caster) {
   const auto altitude_at = [&](const Vec3& place) { return AltitudeAt(scene, caster, place); };
@@ -243,7 +237,7 @@ IoStatus MissionBuilder::WriteNavigation(const std::filesystem::path& folder, co
   auto writer = MissionWriter::Create(folder, scenario_.rig, options);
   if (!writer) return Fail(writer.error());
   for (const NavMeasurement& measurement : measurements) {
-    if (auto status = LogMeasurement(measurement, &*writer); !status) return status;
+    if (auto status = LogMeasurement(measurement, scenario_.rig, &*writer); !status) return status;
   }
   std::vector<ImageTime> times;
   for (const Shot& shot : shots_) times.push_back({shot.name, shot.utime});

@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "rsfm/base/rng.h"
-#include "tools/simulator/noise.h"
 #include "tools/common/parallel.h"
+#include "tools/simulator/noise.h"
 
 namespace rsfm::simulator {
 namespace {

@@ -11,6 +11,13 @@
 
 namespace rsfm::simulator {
 
+// log2 to 0.09, monotone and the same everywhere: good enough to choose a mip level.
+inline float RoughLog2(float x) {
+  const auto bits = std::bit_cast<std::uint32_t>(std::max(x, 1e-12f));
+  return static_cast<float>(static_cast<int>(bits >> 23) - 127) +
+         static_cast<float>(bits & 0x7FFFFFu) * 0x1.0p-23f;
+}
+
 // Four channels in one vector register: red, green, blue, and the fourth. Arithmetic is per
 // channel.
 using Float4 = float __attribute__((vector_size(16)));

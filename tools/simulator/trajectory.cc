@@ -71,8 +71,7 @@ class Lawnmower final : public Trajectory {
   Rigid3 WorldFromBody(double time_s) const override {
     const double time = std::clamp(time_s, 0.0, duration_s());
     const double s = DistanceAt(time);
-    std::size_t i = segments_.size() - 1;
-    while (i > 0 && start_of_[i] > s) --i;
+    const std::size_t i = SegmentAt(s);
     const Segment& segment = segments_[i];
     const double along = s - start_of_[i];
     const Vec2 plan = segment.PointAt(along) - center_;
@@ -122,10 +121,13 @@ class Lawnmower final : public Trajectory {
     center_ = 0.5 * Vec2(options_.leg_length_m, (options_.legs - 1) * options_.leg_spacing_m);
   }
 
+  std::size_t SegmentAt(double s) const {
+    const auto next = std::upper_bound(start_of_.begin() + 1, start_of_.end(), s);
+    return static_cast<std::size_t>(next - start_of_.begin()) - 1;
+  }
+
   double LimitAt(double s) const {
-    std::size_t i = segments_.size() - 1;
-    while (i > 0 && start_of_[i] > s) --i;
-    const double curvature = std::abs(segments_[i].curvature);
+    const double curvature = std::abs(segments_[SegmentAt(s)].curvature);
     if (curvature == 0.0) return options_.speed_mps;
     const double by_drift = std::sqrt(options_.max_acceleration_mps2 / curvature);
     const double by_rate = options_.turns == LawnmowerOptions::Turns::kRotate
@@ -199,6 +201,30 @@ BodyMotion Trajectory::MotionAt(double time_s) const {
 
 std::unique_ptr<Trajectory> MakeLawnmower(const LawnmowerOptions& options, double floor_depth_m) {
   return std::make_unique<Lawnmower>(options, floor_depth_m);
+}
+
+LawnmowerOptions FitToImages(const LawnmowerOptions& options, int images, double rate_hz) {
+  const auto count = [&](const LawnmowerOptions& plan) {
+    return static_cast<int>(Lawnmower(plan, 0.0).duration_s() * rate_hz) + 1;
+  };
+  const int all = count(options);
+  if (images < 1 || images >= all) return options;
+  LawnmowerOptions plan = options;
+  const double scale = std::sqrt(static_cast<double>(images) / all);
+  plan.legs = std::clamp(static_cast<int>(std::lround(scale * options.legs)), 1, options.legs);
+  for (; plan.legs <= options.legs; ++plan.legs) {
+    plan.leg_length_m = options.leg_length_m;
+    if (count(plan) < images) continue;  // even at full length
+    double low = kStepM;
+    double high = options.leg_length_m;
+    for (int i = 0; i < 30; ++i) {
+      plan.leg_length_m = 0.5 * (low + high);
+      (count(plan) < images ? low : high) = plan.leg_length_m;
+    }
+    plan.leg_length_m = high;
+    return plan;
+  }
+  return options;
 }
 
 }  // namespace rsfm::simulator

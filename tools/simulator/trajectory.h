@@ -56,4 +56,32 @@ struct LawnmowerOptions {
 // speed, limits and period positive.
 std::unique_ptr<Trajectory> MakeLawnmower(const LawnmowerOptions& options, double floor_depth_m);
 
+// The same survey with fewer legs and shorter ones, about as long as wide as before, so that
+// `images` at `rate_hz` cover it: speed, spacing and so the images' overlap stay. As it is where
+// that many do not fit or it has no more.
+LawnmowerOptions FitToImages(const LawnmowerOptions& options, int images, double rate_hz);
+
+// Rings around a place, spiralling from the upper and outer one to the lower and inner one; the
+// camera looks across the middle. The first image is at the start, the last one at the end.
+struct OrbitOptions {
+  int images = 106;
+  double rings = 2.0;
+  Vec2 center_ne_m = Vec2::Zero();
+  double radius_north_m = 0.70;  // of the camera's path, first ring
+  double radius_east_m = 0.27;
+  double last_ring_scale = 0.8;   // its radii, relative to the first ring's
+  double top_height_m = 0.90;     // above the floor, at the start
+  double bottom_height_m = 0.62;  // at the end
+  double bob_m = 0.03;
+  double look_across = 0.25;      // the target lies beyond the centre by this share of the radius
+  double target_height_m = 0.08;  // above the floor
+  double target_wander_m = 0.15;
+  double roll_deg = 10.0;  // about the optical axis, to either side
+};
+
+// Preconditions: images >= 1; rings, heights and rate positive, and the camera is never straight
+// above its target.
+std::unique_ptr<Trajectory> MakeOrbit(const OrbitOptions& options, const Rigid3& body_from_camera,
+                                      double floor_depth_m, double rate_hz);
+
 }  // namespace rsfm::simulator
