@@ -266,7 +266,7 @@ Expected<TwoViewReport> TwoViewEstimator::RefineWithinWater(const TwoViewImages&
                                                             const TwoViewOptions& options,
                                                             const RelativePose& pose,
                                                             const TwoViewReport& report) {
-  const Expected<TwoViewReport> result =
+  Expected<TwoViewReport> result =
       RefineAndJudge(images, options, options.range_log_sigma, pose, report);
   if (result || result.error().where != kCheirality || options.sigma_baseline_m > 0.0)
     return result;

@@ -90,6 +90,17 @@ std::string FormatTick(double value, double step) {
   return text;
 }
 
+namespace {
+
+// Ten to the power of `decade`: "0.01", and "1e-5" beyond what fits beside an axis.
+std::string FormatPower(int decade) {
+  if (decade < -3 || decade > 4) return "1e" + std::to_string(decade);
+  const double power = std::pow(10.0, decade);
+  return FormatTick(power, power);
+}
+
+}  // namespace
+
 struct Plot::Axes {
   Box box;  // px
   Range x, y;
@@ -258,8 +269,7 @@ void Plot::DrawDecades(const Axes& axes, Canvas* canvas) const {
       const Vec2 ends[2] = {{box.min.x(), axes.Y(value)}, {box.max.x(), axes.Y(value)}};
       canvas->Line(ends, {kGridColour, digit == 1 ? 1.4 : 0.5});
       if (digit != 1) continue;
-      const double power = std::pow(10.0, decade);
-      canvas->Text({box.min.x() - 7.0, axes.Y(value) + 4.0}, FormatTick(power, power),
+      canvas->Text({box.min.x() - 7.0, axes.Y(value) + 4.0}, FormatPower(decade),
                    {kTickSize, TextStyle::Anchor::kEnd});
     }
   }
