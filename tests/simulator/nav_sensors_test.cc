@@ -154,6 +154,71 @@ TEST_F(NavSensorsTest, OneSensorsOptionsLeaveTheOthersAlone) {
   EXPECT_EQ(before.back().velocity_at_dvl_mps, after.back().velocity_at_dvl_mps);
 }
 
+TEST_F(NavSensorsTest, InstrumentsMeasureAtTheirOwnPlaces) {
+  const Vec3 arm(1.0, -0.5, 0.8);
+  options_.depth.depth_in_body_m = options_.dvl.dvl_in_body_m = arm;
+  options_.position.position_in_body_m = arm;
+  options_.position.timing.enabled = true;
+  options_.position.horizontal_sigma_m = options_.position.vertical_sigma_m = 0.0;
+  options_.depth.sigma_m = options_.dvl.altitude_sigma_m = 0.0;
+  for (const NavMeasurement& m : Run(NavSource::kDepth)) {
+    const Rigid3 truth = Truth(m).world_from_body;
+    ASSERT_NEAR(m.depth_at_sensor_m, (truth * arm).z(), 1e-9);
+    ASSERT_NEAR(m.sample.depth_m, truth.translation.z(), 1e-9);
+  }
+  for (const NavMeasurement& m : Run(NavSource::kPosition)) {
+    const Rigid3 truth = Truth(m).world_from_body;
+    ASSERT_LT((m.position_of_transponder_ned_m - truth * arm).norm(), 1e-6);
+    ASSERT_LT((m.sample.position_ned_m - truth.translation).norm(), 1e-6);
+  }
+  for (const NavMeasurement& m : Run(NavSource::kDvl)) {  // over a floor at 20 m
+    const Rigid3 truth = Truth(m).world_from_body;
+    ASSERT_NEAR(m.altitude_at_dvl_m, 20.0 - (truth * arm).z(), 1e-6);
+    ASSERT_NEAR(m.sample.altitude_m, 20.0 - truth.translation.z(), 1e-6);
+  }
+}
+
+TEST_F(NavSensorsTest, BiasesAndMisalignmentsAreThoseAskedFor) {
+  options_.attitude = {};
+  options_.attitude.heading_bias_sigma_deg = options_.attitude.heading_sigma_deg = 0.0;
+  options_.attitude.roll_pitch_sigma_deg = 0.0;
+  options_.attitude.roll_bias_deg = 1.0;
+  options_.attitude.pitch_bias_deg = -2.0;
+  for (const NavMeasurement& m : Run(NavSource::kAttitude)) {
+    const Vec3 error =
+        kDeg * LogSo3(Truth(m).world_from_body.rotation.conjugate() * m.sample.ned_from_body);
+    ASSERT_LT((error - Vec3(1.0, -2.0, 0.0)).norm(), 1e-6);
+  }
+  options_.dvl.sigma_mps = options_.dvl.scale_error = 0.0;
+  options_.dvl.heading_misalignment_deg = 90.0;
+  options_.dvl.bias_mps = Vec3(0.0, 0.0, 0.01);
+  for (const NavMeasurement& m : Run(NavSource::kDvl)) {
+    const Vec3 v = Truth(m).velocity_in_body_mps;
+    ASSERT_LT((m.velocity_at_dvl_mps - Vec3(-v.y(), v.x(), v.z() + 0.01)).norm(), 1e-9);
+  }
+}
+
+TEST_F(NavSensorsTest, PositionsDriftSlowly) {
+  options_.position.timing = {true, 1.0, 0.0, 0.0};
+  options_.position.horizontal_sigma_m = options_.position.vertical_sigma_m = 0.0;
+  options_.position.drift_sigma_m = 2.0;
+  options_.position.drift_time_s = 100.0;
+  Vec3 last = Vec3::Zero();
+  double largest = 0.0, largest_step = 0.0;
+  bool is_first = true;
+  for (const NavMeasurement& m : Run(NavSource::kPosition)) {
+    const Vec3 error = m.sample.position_ned_m - Truth(m).world_from_body.translation;
+    EXPECT_NEAR(error.z(), 0.0, 1e-9);
+    EXPECT_NEAR(m.sample.sigma_position_m.x(), 2.0, 1e-9);
+    largest = std::max(largest, error.norm());
+    if (!is_first) largest_step = std::max(largest_step, (error - last).norm());
+    is_first = false;
+    last = error;
+  }
+  EXPECT_GT(largest, 1.5);
+  EXPECT_LT(largest_step, 1.6);  // 2 sqrt(2 * 1 s / 100 s) is one sigma of a step: 0.28
+}
+
 TEST_F(NavSensorsTest, MergingUnitesWhatWasMeasuredTogether) {
   const auto measurements = SimulateNavigation(
       *trajectory_, kStart, 0.0, [](const Vec3&) { return 1.0; }, options_);

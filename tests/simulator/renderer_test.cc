@@ -196,6 +196,58 @@ TEST(RendererTest, RangeIsThatOfTheRayInWater) {
   }
 }
 
+// A camera that moves along its own x smears a dot along x by the way it goes, about its middle.
+TEST(RendererTest, MotionBlurSmearsAlongTheMotionAboutItsMiddle) {
+  SensorOptions sensor = IdealSensor();
+  sensor.samples_per_pixel = 16;
+  const Stage stage(PortConfig{}, sensor, ClearWater());
+  const Rigid3 middle = WorldFromCamera();
+  const double smear_m = 0.03;  // 6.6 px at 1.5 m
+  std::vector<Rigid3> poses;
+  for (int i = 0; i < 16; ++i) {
+    const double share = (i + 0.5) / 16 - 0.5;
+    poses.push_back({middle.rotation, middle * Vec3(share * smear_m, 0.0, 0.0)});
+  }
+  RenderedImage sharp, blurred;
+  stage.renderer.Render(middle, 0, &sharp);
+  stage.renderer.Render(poses, 0, &blurred);
+  const auto spread = [](const RenderedImage& image, const Vec2& around) {
+    const Vec2 mean = Centroid(image, around, 9);
+    Vec2 sum = Vec2::Zero();
+    double weight = 0.0;
+    for (int y = static_cast<int>(around.y()) - 9; y <= around.y() + 9; ++y) {
+      for (int x = static_cast<int>(around.x()) - 9; x <= around.x() + 9; ++x) {
+        const double value = Value(image, x, y);
+        sum += value * (Vec2(x + 0.5, y + 0.5) - mean).cwiseAbs2();
+        weight += value;
+      }
+    }
+    return Vec2(sum / weight);
+  };
+  const Rigid3 camera_from_world = middle.Inverse();
+  int seen = 0;
+  double expected = 0.0;
+  Vec2 growth = Vec2::Zero(), shift = Vec2::Zero();
+  for (int i = -12; i <= 12; ++i) {
+    for (int j = -12; j <= 12; ++j) {
+      Vec2 pixel;
+      const Vec3 point = camera_from_world * stage.scene.DotInWorld(i, j);
+      if (stage.camera.Project(point, &pixel) != Projection::kOk) continue;
+      if ((pixel - Vec2(200, 150)).cwiseAbs().maxCoeff() > 130) continue;
+      const Vec2 grown = spread(blurred, pixel) - spread(sharp, pixel);
+      const double smear_px = 330.0 * smear_m / point.z();
+      growth += grown;
+      expected += smear_px * smear_px / 12.0;  // of an even smear
+      shift += Centroid(blurred, pixel, 9) - Centroid(sharp, pixel, 9);
+      ++seen;
+    }
+  }
+  ASSERT_GT(seen, 10);
+  EXPECT_NEAR(growth.x() / expected, 1.0, 0.1);
+  EXPECT_NEAR(growth.y() / expected, 0.0, 0.05);
+  EXPECT_LT((shift / seen).norm(), 0.05);
+}
+
 TEST(RendererTest, NoiseHasTheSensorsVarianceAndFollowsFrameAndSeed) {
   SensorOptions noisy = IdealSensor();
   noisy.noise = true;

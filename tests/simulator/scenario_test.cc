@@ -108,7 +108,43 @@ INSTANTIATE_TEST_SUITE_P(
         BadCase{"seafloor: {stone_min_radius_m: 1}\n", "seafloor.stone_max_radius_m", "less than"},
         BadCase{"navigation: {dvl: {dropout: 1.5}}\n", "navigation.dvl.dropout", "share"},
         BadCase{"navigation: {gyro: {rate_hz: 1}}\n", "navigation.gyro", "not a known field"},
+        BadCase{"tank: {length_m: 0}\n", "tank.length_m", "out of range"},
+        BadCase{"tank: {texel_m: 0.0001}\n", "tank.texel_m", "250 million"},
+        BadCase{"tank: {}\nseafloor: {}\n", "tank", "keep one"},
+        BadCase{"mesh: {file: a.ply}\ndem: {file: a.asc}\n", "mesh", "keep one"},
+        BadCase{"mesh: {texture: a.png}\n", "mesh.file", "PLY"},
+        BadCase{"mesh: {file: a.ply, up: y}\n", "mesh.up", "-z or +z"},
+        BadCase{"dem: {}\n", "dem.file", "Esri"},
+        BadCase{"trajectory: {type: circle}\n", "trajectory.type", "orbit or recorded"},
+        BadCase{"trajectory: {type: orbit, legs: 2}\n", "trajectory.legs", "not a known field"},
+        BadCase{"trajectory: {type: orbit, images: 0}\n", "trajectory.images", "out of range"},
+        BadCase{"trajectory: {type: orbit, center_ne_m: [1]}\n", "trajectory.center_ne_m",
+                "north and east"},
+        BadCase{"trajectory: {type: recorded}\n", "trajectory.file", "TUM"},
+        BadCase{"trajectory: {type: recorded, file: a, start_s: -1}\n", "trajectory.start_s",
+                "out of range"},
+        BadCase{"sensor: {motion_blur: true, samples_per_pixel: 1}\n", "sensor.samples_per_pixel",
+                "motion_blur"},
+        BadCase{"sensor: {exposure_s: 0}\n", "sensor.exposure_s", "out of range"},
+        BadCase{"navigation: {position: {drift_time_s: 0}}\n", "navigation.position.drift_time_s",
+                "out of range"},
+        BadCase{"navigation: {dvl: {bias_mps: [1, 2]}}\n", "navigation.dvl.bias_mps", "three"},
         BadCase{"seed: 1\nseed: 2\n", "seed", "twice"}));
+
+TEST(ScenarioTest, ATankIsOrbitedUnlessTheFileSaysOtherwise) {
+  const std::string tank = std::string(kRig) + "tank: {stones: 3}\n";
+  const auto orbited = ParseScenario(tank, "dir/s.yaml");
+  ASSERT_TRUE(orbited) << ToString(orbited.error());
+  EXPECT_EQ(orbited->scene, SceneKind::kTank);
+  EXPECT_EQ(orbited->path, PathKind::kOrbit);
+  EXPECT_EQ(orbited->tank.stones, 3);
+  const auto recorded = ParseScenario(
+      tank + "trajectory: {type: recorded, file: a.tum, poses: body}\n", "dir/s.yaml");
+  ASSERT_TRUE(recorded) << ToString(recorded.error());
+  EXPECT_EQ(recorded->path, PathKind::kRecorded);
+  EXPECT_EQ(recorded->recorded.file, "dir/a.tum");
+  EXPECT_TRUE(recorded->recorded.poses_are_body);
+}
 
 TEST(ScenarioTest, ReportsAllProblemsAtOnce) {
   std::vector<Diagnostic> problems;

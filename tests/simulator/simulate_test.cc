@@ -146,5 +146,85 @@ TEST(SimulateTest, RefusesWhatCannotBeRendered) {
   EXPECT_TRUE(fs::exists(folder.path() / "mine" / "letter.txt"));
 }
 
+TEST(SimulateTest, TanksGridsMeshesAndRecordedPathsBecomeMissions) {
+  const TemporaryFolder folder;
+  Scenario scenario = SmallScenario();
+  scenario.images.max_images = 2;
+  scenario.ground_truth.range = false;
+  scenario.scene = SceneKind::kTank;
+  scenario.path = PathKind::kOrbit;
+  scenario.tank.texel_m = 0.01;
+  scenario.sensor.motion_blur = true;
+  ASSERT_TRUE(Simulate(scenario, folder.path() / "tank", {}));
+
+  // The path of that mission, over the mesh of that mission.
+  scenario.scene = SceneKind::kMesh;
+  scenario.mesh.file = folder.path() / "tank" / "ground_truth" / "mesh.ply";
+  scenario.path = PathKind::kRecorded;
+  scenario.recorded.file = folder.path() / "tank" / "ground_truth" / "trajectory.tum";
+  scenario.recorded.center = false;
+  const auto again = Simulate(scenario, folder.path() / "again", {});
+  ASSERT_TRUE(again) << ToString(again.error());
+  const auto first = ReadTum(folder.path() / "tank" / "ground_truth" / "trajectory.tum");
+  const auto second = ReadTum(folder.path() / "again" / "ground_truth" / "trajectory.tum");
+  ASSERT_EQ(first->size(), second->size());
+  for (std::size_t i = 0; i < first->size(); ++i) {
+    EXPECT_LT(
+        ((*first)[i].world_from_camera.translation - (*second)[i].world_from_camera.translation)
+            .norm(),
+        1e-5);
+  }
+
+  std::ofstream(folder.path() / "g.asc") << "ncols 2\nnrows 2\ncellsize 30\n1 1.2 0.8 1\n";
+  scenario = SmallScenario();
+  scenario.images.max_images = 1;
+  scenario.dem = folder.path() / "g.asc";
+  const auto over_grid = Simulate(scenario, folder.path() / "dem", {});
+  ASSERT_TRUE(over_grid) << ToString(over_grid.error());
+  std::ofstream(folder.path() / "g.asc") << "ncols 2\nnrows 2\ncellsize 0.5\n1 1.2 0.8 1\n";
+  const auto beyond = Simulate(scenario, folder.path() / "dem", {});
+  ASSERT_FALSE(beyond);
+  EXPECT_EQ(beyond.error().field, "trajectory");
+}
+
+// What the log says of lever arms is what its reader takes off again.
+TEST(SimulateTest, TheLogReadsBackAsTheBodysNavigation) {
+  const TemporaryFolder folder;
+  Scenario scenario = SmallScenario();
+  scenario.images.max_images = 1;
+  scenario.rig.sensors.depth_in_body_m = Vec3(0.3, 0.1, 0.5);
+  scenario.rig.sensors.position_in_body_m = Vec3(-0.4, 0.2, -0.6);
+  scenario.rig.sensors.dvl_in_body_m = Vec3(-0.5, 0.1, 0.4);
+  scenario.rig.world.origin = Geodetic{54.3, 10.1, 0.0};
+  scenario.navigation.depth.depth_in_body_m = scenario.rig.sensors.depth_in_body_m;
+  scenario.navigation.position.position_in_body_m = scenario.rig.sensors.position_in_body_m;
+  scenario.navigation.dvl.dvl_in_body_m = scenario.rig.sensors.dvl_in_body_m;
+  const auto report = Simulate(scenario, folder.path() / "m", {});
+  ASSERT_TRUE(report) << ToString(report.error());
+  const auto mission = ReadMission(folder.path() / "m");
+  ASSERT_TRUE(mission);
+  EXPECT_EQ(mission->num_nav_rejected, 0);
+  EXPECT_TRUE(mission->log.channels.contains("RSFM_FIX"));
+  const auto table = ReadNavTable(folder.path() / "m" / "nav.csv");
+  ASSERT_TRUE(table);
+  int compared = 0;
+  for (const NavSample& logged : mission->nav) {
+    const auto at = std::find_if(table->samples.begin(), table->samples.end(),
+                                 [&](const NavSample& s) { return s.utime == logged.utime; });
+    ASSERT_NE(at, table->samples.end());
+    if (logged.Has(NavField::kDepth)) {
+      EXPECT_NEAR(logged.depth_m, at->depth_m, 0.01);  // by a measured attitude
+    }
+    if (logged.Has(NavField::kPosition)) {
+      EXPECT_LT((logged.position_ned_m - at->position_ned_m).norm(), 0.05);
+    }
+    if (logged.Has(NavField::kAltitude) && !logged.Has(NavField::kAttitude)) {
+      EXPECT_NEAR(logged.altitude_m, at->altitude_m, 0.3);
+    }
+    ++compared;
+  }
+  EXPECT_GT(compared, 100);
+}
+
 }  // namespace
 }  // namespace rsfm::simulator

@@ -19,6 +19,10 @@ CLI::App* DeclareSimulate(CLI::App& app, SimulateOptions* options) {
   verb->add_option("--images", options->max_images,
                    "At most this many: a survey is made smaller, any other path is cut off")
       ->check(CLI::PositiveNumber);
+  auto* mesh = verb->add_option("--mesh", options->mesh, "The scene: a PLY mesh of one's own");
+  verb->add_option("--texture", options->texture, "The image on it")->needs(mesh);
+  verb->add_option("--dem", options->dem, "The seafloor's heights: an Esri ASCII grid")
+      ->excludes(mesh);
   verb->add_option("--threads", options->threads, "Threads to render with; default: all cores")
       ->check(CLI::Range(1, 1024));
   return verb;
@@ -34,6 +38,15 @@ int RunSimulate(const SimulateOptions& options) {
   if (options.max_images > 0) {
     scenario->images.max_images = options.max_images;
     scenario->images.survey_images = options.max_images;
+  }
+
+  if (!options.mesh.empty()) {
+    scenario->scene = simulator::SceneKind::kMesh;
+    scenario->mesh.file = options.mesh;
+    scenario->mesh.texture = options.texture;
+  } else if (!options.dem.empty()) {
+    scenario->scene = simulator::SceneKind::kSeafloor;
+    scenario->dem = options.dem;
   }
 
   simulator::SimulationHooks hooks;

@@ -9,6 +9,9 @@ namespace rsfm {
 struct SimulateOptions {
   std::string scenario;
   std::string out;
+  std::string mesh;
+  std::string texture;
+  std::string dem;
   int max_images = 0;  // 0: as the scenario says
   int threads = 0;     // 0: all cores
 };

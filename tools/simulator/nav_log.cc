@@ -22,7 +22,8 @@ void SetDiagonal(const Vec3& sigma, double* covariance) {
 
 }  // namespace
 
-IoStatus LogMeasurement(const NavMeasurement& m, const Rig& rig, MissionWriter* writer) {
+IoStatus LogMeasurement(const NavMeasurement& m, const Rig& rig, const LocalFrame* frame,
+                        MissionWriter* writer) {
   const NavSample& s = m.sample;
   switch (m.source) {
     case NavSource::kAttitude: {
@@ -45,7 +46,7 @@ IoStatus LogMeasurement(const NavMeasurement& m, const Rig& rig, MissionWriter* 
       SetDiagonal(s.sigma_velocity_mps, message.velocity_cov_m2ps2);
       if (s.Has(NavField::kAltitude)) {
         message.valid |= dvl_t::VALID_ALTITUDE;
-        message.altitude_m = s.altitude_m;
+        message.altitude_m = m.altitude_at_dvl_m;
         message.altitude_sigma_m = s.sigma_altitude_m;
       }
       return Log(rig, InputType::kDvl, "RSFM_DVL", message, writer);
@@ -54,13 +55,26 @@ IoStatus LogMeasurement(const NavMeasurement& m, const Rig& rig, MissionWriter* 
       depth_t message{};
       message.utime = s.utime;
       message.valid = 1;
-      message.depth_m = s.depth_m;
+      message.depth_m = m.depth_at_sensor_m;
       message.sigma_m = s.sigma_depth_m;
       return Log(rig, InputType::kDepth, "RSFM_DEPTH", message, writer);
     }
     case NavSource::kAltimeter:
     case NavSource::kPosition:
       break;
+  }
+  if (m.source == NavSource::kPosition && frame != nullptr) {
+    fix_t message{};
+    const Geodetic place = frame->GeodeticFromNed(m.position_of_transponder_ned_m);
+    message.utime = s.utime;
+    message.valid = fix_t::VALID_HORIZONTAL;
+    message.valid |= fix_t::VALID_HEIGHT;
+    message.source = fix_t::SOURCE_USBL;
+    message.latitude_deg = place.latitude_deg;
+    message.longitude_deg = place.longitude_deg;
+    message.height_m = place.height_m;
+    SetDiagonal(s.sigma_position_m, message.position_cov_m2);
+    return Log(rig, InputType::kFix, "RSFM_FIX", message, writer);
   }
   // In the local frame already: a vehicle's own solution, as it would put it on the bus.
   nav_t message{};

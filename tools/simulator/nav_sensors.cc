@@ -69,8 +69,10 @@ class Simulation {
           const double tilt = o.roll_pitch_sigma_deg;
           const Vec3 error_deg(rng->Gaussian(0.0, tilt), rng->Gaussian(0.0, tilt),
                                bias + rng->Gaussian(0.0, o.heading_sigma_deg));
-          m->sample.ned_from_body =
-              (ExpSo3(kRad * error_deg) * motion.world_from_body.rotation).normalized();
+          const Vec3 mounting_deg(o.roll_bias_deg, o.pitch_bias_deg, o.heading_offset_deg);
+          m->sample.ned_from_body = (ExpSo3(kRad * error_deg) * motion.world_from_body.rotation *
+                                     ExpSo3(kRad * mounting_deg))
+                                        .normalized();
           m->sample.sigma_attitude_rad =
               kRad * Vec3(tilt, tilt, std::hypot(o.heading_sigma_deg, o.heading_bias_sigma_deg));
           m->rate_radps = motion.rate_in_body_radps;
@@ -83,21 +85,28 @@ class Simulation {
     Sample(NavSource::kDvl, o.timing, [&](const BodyMotion& motion, Rng* rng, NavMeasurement* m) {
       const Vec3 swing = motion.rate_in_body_radps.cross(o.dvl_in_body_m);
       const Vec3 noise(rng->Gaussian(), rng->Gaussian(), rng->Gaussian());
+      const Quat misaligned = ExpSo3(Vec3(0.0, 0.0, kRad * o.heading_misalignment_deg));
       m->velocity_at_dvl_mps =
-          (1.0 + o.scale_error) * (motion.velocity_in_body_mps + swing) + o.sigma_mps * noise;
+          (1.0 + o.scale_error) * (misaligned * (motion.velocity_in_body_mps + swing)) +
+          o.bias_mps + o.sigma_mps * noise;
       m->rate_radps = motion.rate_in_body_radps;
       m->sample.velocity_body_mps = m->velocity_at_dvl_mps - swing;
       m->sample.sigma_velocity_mps = Vec3::Constant(o.sigma_mps);
       m->sample.Set(NavField::kVelocity);
-      MeasureAltitude(motion, o.altitude_sigma_m, rng, &m->sample);
+      const Vec3 arm = motion.world_from_body.rotation * o.dvl_in_body_m;
+      m->altitude_at_dvl_m =
+          MeasureAltitude(motion.world_from_body.translation + arm, o.altitude_sigma_m, rng);
+      SetAltitude(m->altitude_at_dvl_m, arm.z(), o.altitude_sigma_m, &m->sample);
     });
   }
 
   void Depth() {
     const auto& o = options_.depth;
     Sample(NavSource::kDepth, o.timing, [&](const BodyMotion& motion, Rng* rng, NavMeasurement* m) {
+      const double arm_m = (motion.world_from_body.rotation * o.depth_in_body_m).z();
       m->sample.depth_m =
           motion.world_from_body.translation.z() + o.bias_m + rng->Gaussian(0.0, o.sigma_m);
+      m->depth_at_sensor_m = m->sample.depth_m + arm_m;
       m->sample.sigma_depth_m = o.sigma_m;
       m->sample.Set(NavField::kDepth);
     });
@@ -107,28 +116,52 @@ class Simulation {
     const auto& o = options_.altimeter;
     Sample(NavSource::kAltimeter, o.timing,
            [&](const BodyMotion& motion, Rng* rng, NavMeasurement* m) {
-             MeasureAltitude(motion, o.sigma_m, rng, &m->sample);
+             const double altitude_m =
+                 MeasureAltitude(motion.world_from_body.translation, o.sigma_m, rng);
+             if (altitude_m > 0.0) {
+               SetAltitude(altitude_m + o.bias_m, 0.0, o.sigma_m, &m->sample);
+             }
            });
   }
 
   void Position() {
     const auto& o = options_.position;
-    Sample(
-        NavSource::kPosition, o.timing, [&](const BodyMotion& motion, Rng* rng, NavMeasurement* m) {
-          const Vec3 sigma(o.horizontal_sigma_m, o.horizontal_sigma_m, o.vertical_sigma_m);
-          const Vec3 noise(rng->Gaussian(), rng->Gaussian(), rng->Gaussian());
-          m->sample.position_ned_m = motion.world_from_body.translation + sigma.cwiseProduct(noise);
-          m->sample.sigma_position_m = sigma;
-          m->sample.Set(NavField::kPosition);
-        });
+    const double decay = std::exp(-1.0 / (o.timing.rate_hz * o.drift_time_s));
+    Vec3 drift = Vec3::Zero();
+    bool is_first = true;
+    Sample(NavSource::kPosition, o.timing,
+           [&](const BodyMotion& motion, Rng* rng, NavMeasurement* m) {
+             const Vec3 sigma(o.horizontal_sigma_m, o.horizontal_sigma_m, o.vertical_sigma_m);
+             const Vec3 noise(rng->Gaussian(), rng->Gaussian(), rng->Gaussian());
+             if (o.drift_sigma_m > 0.0) {
+               const double kick = is_first ? 1.0 : std::sqrt(1.0 - decay * decay);
+               const Vec3 step(rng->Gaussian(), rng->Gaussian(), 0.0);
+               drift = decay * drift + kick * o.drift_sigma_m * step;
+               is_first = false;
+             }
+             const Vec3 arm = motion.world_from_body.rotation * o.position_in_body_m;
+             m->sample.position_ned_m =
+                 motion.world_from_body.translation + drift + sigma.cwiseProduct(noise);
+             m->position_of_transponder_ned_m = m->sample.position_ned_m + arm;
+             m->sample.sigma_position_m =
+                 (sigma.array().square() +
+                  Eigen::Array3d(1.0, 1.0, 0.0) * o.drift_sigma_m * o.drift_sigma_m)
+                     .sqrt();
+             m->sample.Set(NavField::kPosition);
+           });
   }
 
-  void MeasureAltitude(const BodyMotion& motion, double sigma_m, Rng* rng,
-                       NavSample* sample) const {
+  // Above the bottom straight below a place; not positive where there is none.
+  double MeasureAltitude(const Vec3& place_in_world, double sigma_m, Rng* rng) const {
     const double noise = rng->Gaussian(0.0, sigma_m);
-    const double altitude = altitude_at_(motion.world_from_body.translation);
-    if (altitude < 0.0 || altitude + noise <= 0.0) return;
-    sample->altitude_m = altitude + noise;
+    const double altitude = altitude_at_(place_in_world);
+    return altitude < 0.0 ? -1.0 : altitude + noise;
+  }
+
+  // `lower_m`: how far the instrument lies below the body's origin.
+  static void SetAltitude(double measured_m, double lower_m, double sigma_m, NavSample* sample) {
+    if (measured_m <= 0.0) return;
+    sample->altitude_m = measured_m + lower_m;
     sample->sigma_altitude_m = sigma_m;
     sample->Set(NavField::kAltitude);
   }

@@ -24,11 +24,16 @@ struct NavSensorOptions {
     double heading_sigma_deg = 0.30;
     double heading_bias_sigma_deg = 0.5;  // a slow drift: Gauss-Markov
     double heading_bias_time_s = 300.0;
+    double roll_bias_deg = 0.0;  // how the instrument is mounted, unknown to the vehicle
+    double pitch_bias_deg = 0.0;
+    double heading_offset_deg = 0.0;
   } attitude;
   struct Dvl {
     SensorTiming timing = {true, 5.0, 0.0, 0.0};
     double sigma_mps = 0.004;
-    double scale_error = 0.003;  // velocity is reported this share too large
+    double scale_error = 0.003;             // velocity is reported this share too large
+    double heading_misalignment_deg = 0.0;  // velocities are turned by this about the body's z
+    Vec3 bias_mps = Vec3::Zero();
     double altitude_sigma_m = 0.03;
     Vec3 dvl_in_body_m = Vec3::Zero();  // lever arm
   } dvl;
@@ -36,15 +41,20 @@ struct NavSensorOptions {
     SensorTiming timing = {true, 10.0, 0.0, 0.0};
     double sigma_m = 0.01;
     double bias_m = 0.0;
+    Vec3 depth_in_body_m = Vec3::Zero();  // lever arm
   } depth;
   struct Altimeter {
     SensorTiming timing = {false, 5.0, 0.0, 0.0};
     double sigma_m = 0.03;
+    double bias_m = 0.0;
   } altimeter;
   struct Position {
     SensorTiming timing = {false, 0.2, 0.0, 0.0};
     double horizontal_sigma_m = 0.5;
     double vertical_sigma_m = 0.8;
+    double drift_sigma_m = 0.0;  // a slow offset, north and east: Gauss-Markov
+    double drift_time_s = 600.0;
+    Vec3 position_in_body_m = Vec3::Zero();  // lever arm of the transponder or antenna
   } position;
   std::uint64_t seed = 1;
 };
@@ -56,6 +66,9 @@ struct NavMeasurement {
   NavSample sample;  // reduced to the body's origin
   // What the instruments themselves report, in body axes.
   Vec3 velocity_at_dvl_mps = Vec3::Zero();
+  double altitude_at_dvl_m = 0.0;
+  double depth_at_sensor_m = 0.0;
+  Vec3 position_of_transponder_ned_m = Vec3::Zero();
   Vec3 rate_radps = Vec3::Zero();
 };
 

@@ -56,6 +56,30 @@ void TransformRays(const Rigid3& b_from_a, const RaySoa& in_a, RaySoa* in_b) {
   }
 }
 
+// Sample `s` of pixel x takes pose (s + the pixel's shift) modulo their number: where in a pixel a
+// sample lies then has nothing to do with when it is taken.
+void TransformMovingRays(std::span<const Rigid3> b_from_a, std::uint32_t samples,
+                         std::uint32_t seed, const RaySoa& in_a, RaySoa* in_b) {
+  std::vector<Eigen::Matrix3f> rotations;
+  std::vector<Vec3f> translations;
+  for (const Rigid3& pose : b_from_a) {
+    rotations.push_back(pose.rotation.toRotationMatrix().cast<float>());
+    translations.push_back(pose.translation.cast<float>());
+  }
+  const auto poses = static_cast<std::uint32_t>(b_from_a.size());
+  for (std::uint32_t i = 0; i < in_a.size(); ++i) {
+    const std::uint32_t k = (i % samples + Hash(i / samples, seed)) % poses;
+    const Vec3f origin = rotations[k] * Vec3f(in_a.ox[i], in_a.oy[i], in_a.oz[i]) + translations[k];
+    const Vec3f direction = rotations[k] * Vec3f(in_a.dx[i], in_a.dy[i], in_a.dz[i]);
+    in_b->ox[i] = origin.x();
+    in_b->oy[i] = origin.y();
+    in_b->oz[i] = origin.z();
+    in_b->dx[i] = direction.x();
+    in_b->dy[i] = direction.y();
+    in_b->dz[i] = direction.z();
+  }
+}
+
 Vec3f InterpolatedNormal(const TriangleMesh& mesh, const RayHit& hit) {
   const auto& [a, b, c] = mesh.triangles[hit.triangle];
   const Vec3f& first = mesh.normals[a];
@@ -210,11 +234,17 @@ void Renderer::ShadePixel(const Eigen::Matrix3f& camera_from_scene, std::size_t 
   }
 }
 
-void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, int row,
+void Renderer::RenderRow(std::span<const Rigid3> scene_from_camera, std::uint32_t frame, int row,
                          Scratch* scratch, std::uint8_t* bgr) const {
   const RaySoa& rays = rows_[row];
   Scratch& s = *scratch;
-  TransformRays(scene_from_camera, rays, &s.rays_in_scene);
+  if (scene_from_camera.size() == 1) {
+    TransformRays(scene_from_camera[0], rays, &s.rays_in_scene);
+  } else {
+    const std::uint32_t seed = Hash(frame, static_cast<std::uint32_t>(row));
+    TransformMovingRays(scene_from_camera, static_cast<std::uint32_t>(samples_), seed, rays,
+                        &s.rays_in_scene);
+  }
   caster_.Trace(s.rays_in_scene, s.hits);
 
   s.points.clear();
@@ -239,8 +269,10 @@ void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, i
   s.albedo.resize(s.points.size());
   scene_.Albedo(s.points, s.albedo);
 
-  const Eigen::Matrix3f camera_from_scene =
-      scene_from_camera.rotation.conjugate().toRotationMatrix().cast<float>();
+  const Eigen::Matrix3f camera_from_scene = scene_from_camera[scene_from_camera.size() / 2]
+                                                .rotation.conjugate()
+                                                .toRotationMatrix()
+                                                .cast<float>();
   const float share = 1.0f / static_cast<float>(samples_);
   std::size_t first_point = 0;
   for (int x = 0; x < camera_.width(); ++x) {
@@ -256,7 +288,7 @@ void Renderer::RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, i
   }
 }
 
-void Renderer::Render(const Rigid3& world_from_camera, std::uint32_t frame,
+void Renderer::Render(std::span<const Rigid3> world_from_camera, std::uint32_t frame,
                       RenderedImage* image) const {
   const int width = camera_.width();
   Scratch scratch;
@@ -269,8 +301,8 @@ void Renderer::Render(const Rigid3& world_from_camera, std::uint32_t frame,
   image->width = width;
   image->height = camera_.height();
   image->bgr.resize(static_cast<std::size_t>(3) * width * camera_.height());
-  Rigid3 scene_from_camera = world_from_camera;
-  scene_from_camera.translation -= scene_.WorldOffset();
+  std::vector<Rigid3> scene_from_camera(world_from_camera.begin(), world_from_camera.end());
+  for (Rigid3& pose : scene_from_camera) pose.translation -= scene_.WorldOffset();
   for (int y = 0; y < camera_.height(); ++y) {
     RenderRow(scene_from_camera, frame, y, &scratch,
               &image->bgr[static_cast<std::size_t>(3) * width * y]);

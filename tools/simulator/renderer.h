@@ -3,6 +3,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 
 #include "rsfm/base/rigid3.h"
 #include "rsfm/refraction/any_camera.h"
@@ -20,6 +21,8 @@ struct RenderedImage {
 
 struct SensorOptions {
   int samples_per_pixel = 4;  // a square number: 1, 4, 9, 16, 25
+  bool motion_blur = false;   // a pixel's samples are taken at moments all over the exposure
+  double exposure_s = 0.004;  // of motion_blur alone; image times are its middle
   bool noise = true;
   double full_well_electrons = 15000.0;  // shot noise: white is this many electrons
   double read_noise_electrons = 12.0;
@@ -37,7 +40,13 @@ class Renderer {
            const SensorOptions& options, int num_threads);
 
   // Thread-safe; a function of the arguments and the options alone. `frame` seeds the noise.
-  void Render(const Rigid3& world_from_camera, std::uint32_t frame, RenderedImage* image) const;
+  void Render(const Rigid3& world_from_camera, std::uint32_t frame, RenderedImage* image) const {
+    Render(std::span(&world_from_camera, 1), frame, image);
+  }
+  // The same of a moving camera: its poses in order of time, evenly over the exposure. Each of a
+  // pixel's samples sees one of them, the first sample any, the others in turn.
+  void Render(std::span<const Rigid3> world_from_camera, std::uint32_t frame,
+              RenderedImage* image) const;
 
   // Distance in water [m] along the ray of each pixel's centre, from the port's outer surface; 0
   // where nothing is seen. Row by row.
@@ -54,8 +63,8 @@ class Renderer {
   void ShadePixel(const Eigen::Matrix3f& camera_from_scene, std::size_t first_sample,
                   std::size_t first_point, std::size_t num_points, const RaySoa& rays,
                   Scratch* scratch, Rgb* pixel) const;
-  void RenderRow(const Rigid3& scene_from_camera, std::uint32_t frame, int row, Scratch* scratch,
-                 std::uint8_t* bgr) const;
+  void RenderRow(std::span<const Rigid3> scene_from_camera, std::uint32_t frame, int row,
+                 Scratch* scratch, std::uint8_t* bgr) const;
   void Develop(const Rgb& linear, int x, int y, std::uint32_t frame, std::uint8_t* bgr) const;
 
   const AnyCamera& camera_;

@@ -66,6 +66,11 @@ void ReadSensor(YamlMap* root, SensorOptions* o) {
                        "is not a square number: " + std::to_string(o->samples_per_pixel),
                        "give 1, 4, 9, 16, 25, 36, 49 or 64");
   }
+  s.Get("motion_blur", &o->motion_blur);
+  s.Get("exposure_s", {1e-6, 1.0, "give seconds, from 0.000001 to 1"}, &o->exposure_s);
+  if (o->motion_blur && o->samples_per_pixel < 4) {
+    s.map().AddProblem("samples_per_pixel", "is too little for motion_blur", "give 4 or more");
+  }
   s.Get("noise", &o->noise);
   s.Get("full_well_electrons", {10.0, 1e7, "give electrons, from 10 to 10000000"},
         &o->full_well_electrons);
@@ -93,12 +98,18 @@ void ReadNavigation(YamlMap* root, NavSensorOptions* n) {
     a.Get("heading_sigma_deg", kSigma, &n->attitude.heading_sigma_deg);
     a.Get("heading_bias_sigma_deg", kSigma, &n->attitude.heading_bias_sigma_deg);
     a.Get("heading_bias_time_s", kSeconds, &n->attitude.heading_bias_time_s);
+    a.Get("roll_bias_deg", kSmallAngle, &n->attitude.roll_bias_deg);
+    a.Get("pitch_bias_deg", kSmallAngle, &n->attitude.pitch_bias_deg);
+    a.Get("heading_offset_deg", kDegrees, &n->attitude.heading_offset_deg);
   }
   {
     Section d(&s.map(), "dvl");
     ReadTiming(&d, &n->dvl.timing);
     d.Get("sigma_mps", kSigma, &n->dvl.sigma_mps);
     d.Get("scale_error", {-0.5, 0.5, "give a share from -0.5 to 0.5"}, &n->dvl.scale_error);
+    d.Get("heading_misalignment_deg", kSmallAngle, &n->dvl.heading_misalignment_deg);
+    d.GetVec3("bias_mps", -10.0, 10.0, "give metres per second, forward, right and down",
+              &n->dvl.bias_mps);
     d.Get("altitude_sigma_m", kSigma, &n->dvl.altitude_sigma_m);
   }
   {
@@ -111,11 +122,14 @@ void ReadNavigation(YamlMap* root, NavSensorOptions* n) {
     Section a(&s.map(), "altimeter");
     ReadTiming(&a, &n->altimeter.timing);
     a.Get("sigma_m", kSigma, &n->altimeter.sigma_m);
+    a.Get("bias_m", {-1e3, 1e3, "give metres"}, &n->altimeter.bias_m);
   }
   Section p(&s.map(), "position");
   ReadTiming(&p, &n->position.timing);
   p.Get("horizontal_sigma_m", kSigma, &n->position.horizontal_sigma_m);
   p.Get("vertical_sigma_m", kSigma, &n->position.vertical_sigma_m);
+  p.Get("drift_sigma_m", kSigma, &n->position.drift_sigma_m);
+  p.Get("drift_time_s", kSeconds, &n->position.drift_time_s);
 }
 
 void ReadRigOf(YamlMap* root, const YAML::Node& document, const std::filesystem::path& path,
@@ -182,9 +196,12 @@ IoExpected<Scenario> ParseScenario(const std::string& text, const std::filesyste
   scenario.trajectory.seed = scenario.seed;
   scenario.seafloor.seed = scenario.seed;
   scenario.tank.seed = scenario.seed;
+  scenario.mesh.seed = scenario.seed;
   scenario.sensor.seed = scenario.seed;
   scenario.navigation.seed = scenario.seed;
   scenario.navigation.dvl.dvl_in_body_m = scenario.rig.sensors.dvl_in_body_m;
+  scenario.navigation.depth.depth_in_body_m = scenario.rig.sensors.depth_in_body_m;
+  scenario.navigation.position.position_in_body_m = scenario.rig.sensors.position_in_body_m;
   scenario.rig.world.frame = WorldFrame::kNed;
   return scenario;
 }

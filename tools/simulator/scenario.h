@@ -4,7 +4,9 @@
 #include <filesystem>
 
 #include "rsfm/io/rig.h"
+#include "tools/simulator/mesh_scene.h"
 #include "tools/simulator/nav_sensors.h"
+#include "tools/simulator/recorded.h"
 #include "tools/simulator/renderer.h"
 #include "tools/simulator/seafloor.h"
 #include "tools/simulator/tank.h"
@@ -30,8 +32,9 @@ struct GroundTruthOptions {
   bool range = false;  // a range image per image, 32-bit float, metres along the ray in water
 };
 
-enum class SceneKind : std::uint8_t { kSeafloor, kTank };
-enum class PathKind : std::uint8_t { kLawnmower, kOrbit };
+// kSeafloor: generated, or over a height grid.
+enum class SceneKind : std::uint8_t { kSeafloor, kTank, kMesh };
+enum class PathKind : std::uint8_t { kLawnmower, kOrbit, kRecorded };
 
 struct Scenario {
   std::uint64_t seed = 1;  // of everything; the parts derive theirs from it
@@ -40,16 +43,16 @@ struct Scenario {
   PathKind path = PathKind::kLawnmower;
   LawnmowerOptions trajectory;
   OrbitOptions orbit;
+  RecordedOptions recorded;
   SceneKind scene = SceneKind::kSeafloor;
   SeafloorOptions seafloor;  // its area is that of the trajectory's footprints
   TankOptions tank;
+  MeshOptions mesh;
+  std::filesystem::path dem;  // of the seafloor; empty: none
   WaterOptions water;
   SensorOptions sensor;
   NavSensorOptions navigation;
   GroundTruthOptions ground_truth;
-
-  // World depth of the scene's mean floor.
-  double FloorDepth() const { return scene == SceneKind::kTank ? tank.depth_m : seafloor.depth_m; }
 };
 
 // Reads a scenario file. `rig` is required: a mapping with rig.yaml's sections, or the path of a

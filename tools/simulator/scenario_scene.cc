@@ -88,32 +88,78 @@ void ReadOrbit(Section* section, OrbitOptions* o) {
   s.Get("roll_deg", kSway, &o->roll_deg);
 }
 
+void ReadMesh(YamlMap* root, const std::filesystem::path& folder, MeshOptions* m) {
+  Section s(root, "mesh");
+  if (!s.is_there()) return;
+  s.GetFile("file", folder, &m->file);
+  s.GetFile("texture", folder, &m->texture);
+  s.GetWord("up", "-z", "+z", &m->z_is_up);
+  s.Get("sky_light", kShare, &m->sky_light);
+  if (m->file.empty()) s.map().AddProblem("file", "is missing", "name a PLY file");
+}
+
+void ReadDem(YamlMap* root, const std::filesystem::path& folder, std::filesystem::path* dem) {
+  Section s(root, "dem");
+  if (!s.is_there()) return;
+  s.GetFile("file", folder, dem);
+  if (dem->empty()) s.map().AddProblem("file", "is missing", "name an Esri ASCII grid");
+}
+
+void ReadRecorded(Section* section, const std::filesystem::path& folder, RecordedOptions* r) {
+  Section& s = *section;
+  constexpr Bounds kTime{0.0, 1e7, "give seconds, 0 or more"};
+  s.GetFile("file", folder, &r->file);
+  s.GetWord("poses", "camera", "body", &r->poses_are_body);
+  s.Get("start_s", kTime, &r->start_s);
+  s.Get("duration_s", kTime, &r->duration_s);
+  s.Get("smooth_s", {0.0, 1e4, "give seconds, from 0 to 10000"}, &r->smooth_s);
+  s.Get("center", &r->center);
+  s.Get("altitude_m", {0.0, 1000.0, "give metres, from 0 to 1000; 0 is as recorded"},
+        &r->altitude_m);
+  if (r->file.empty()) {
+    s.map().AddProblem("file", "is missing", "name a TUM file or a NAV.csv");
+  }
+}
+
+// World depth of the generated floor that the file asks for.
+double FloorDepth(const Scenario& scenario) {
+  return scenario.scene == SceneKind::kTank ? scenario.tank.depth_m : scenario.seafloor.depth_m;
+}
+
 }  // namespace
 
 void ReadScene(YamlMap* root, const std::filesystem::path& folder, Scenario* scenario) {
-  (void)folder;
-  if (root->Has("tank")) {
-    scenario->scene = SceneKind::kTank;
-    if (root->Has("seafloor")) {
-      root->AddProblem("tank", "and seafloor are two scenes", "keep one of the sections");
-    }
+  if (root->Has("tank")) scenario->scene = SceneKind::kTank;
+  if (root->Has("mesh")) scenario->scene = SceneKind::kMesh;
+  const bool has_floor = root->Has("seafloor") || root->Has("dem");
+  const int scenes =
+      (root->Has("tank") ? 1 : 0) + (root->Has("mesh") ? 1 : 0) + (has_floor ? 1 : 0);
+  if (scenes > 1) {
+    root->AddProblem(root->Has("tank") ? "tank" : "mesh", "is one scene of several",
+                     "keep one of tank, mesh, and seafloor with or without dem");
   }
   ReadSeafloor(root, &scenario->seafloor);
   ReadTank(root, &scenario->tank);
+  ReadMesh(root, folder, &scenario->mesh);
+  ReadDem(root, folder, &scenario->dem);
 }
 
 void ReadTrajectory(YamlMap* root, const std::filesystem::path& folder, Scenario* scenario) {
-  (void)folder;
   Section s(root, "trajectory");
   int kind = scenario->scene == SceneKind::kTank ? 1 : 0;
-  s.GetChoice("type", {"lawnmower", "orbit"}, &kind);
+  s.GetChoice("type", {"lawnmower", "orbit", "recorded"}, &kind);
   scenario->path = static_cast<PathKind>(kind);
   if (scenario->path == PathKind::kOrbit) {
     ReadOrbit(&s, &scenario->orbit);
     return;
   }
+  if (scenario->path == PathKind::kRecorded) {
+    ReadRecorded(&s, folder, &scenario->recorded);
+    return;
+  }
   ReadLawnmower(&s, &scenario->trajectory);
-  if (scenario->trajectory.altitude_m >= scenario->FloorDepth()) {
+  if (scenario->scene != SceneKind::kMesh &&
+      scenario->trajectory.altitude_m >= FloorDepth(*scenario)) {
     s.map().AddProblem("altitude_m", "would lift the vehicle out of the water",
                        "make it less than the scene's depth_m");
   }

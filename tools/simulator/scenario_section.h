@@ -20,6 +20,7 @@ inline constexpr Bounds kSigma{0.0, 1e3, "give a standard deviation, 0 or more"}
 inline constexpr Bounds kShare{0.0, 1.0, "give a share from 0 to 1"};
 inline constexpr Bounds kDegrees{-360.0, 360.0, "give degrees from -360 to 360"};
 inline constexpr Bounds kSway{0.0, 60.0, "give degrees from 0 to 60"};
+inline constexpr Bounds kSmallAngle{-45.0, 45.0, "give degrees from -45 to 45"};
 inline constexpr Bounds kRate{1e-3, 1e3, "give a rate in Hz, from 0.001 to 1000"};
 inline constexpr Bounds kSeconds{1e-3, 1e6, "give seconds, from 0.001 to 1000000"};
 inline constexpr Bounds kDelay{-10.0, 10.0, "give seconds from -10 to 10"};

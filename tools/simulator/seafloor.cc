@@ -81,7 +81,9 @@ class Seafloor final : public Scene {
   float Height(float x, float y) const {
     const float s = 1.0f / static_cast<float>(options_.relief_length_m);
     float height =
-        static_cast<float>(options_.relief_m) * FractalNoise(s * x, s * y, 6, 0.42f, seed_);
+        options_.grid
+            ? static_cast<float>(options_.grid->At(x + offset_.x(), y + offset_.y()))
+            : static_cast<float>(options_.relief_m) * FractalNoise(s * x, s * y, 6, 0.42f, seed_);
     if (options_.ripple_height_m > 0.0) {
       const float warp = 0.35f * FractalNoise(0.6f * x, 0.6f * y, 2, 0.5f, seed_ + 1);
       const float phase = 2.0f * std::numbers::pi_v<float> * (x + 0.35f * y + warp) /

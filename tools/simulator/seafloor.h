@@ -4,6 +4,7 @@
 
 #include <memory>
 
+#include "tools/simulator/height_grid.h"
 #include "tools/simulator/scene.h"
 
 namespace rsfm::simulator {
@@ -24,6 +25,9 @@ struct SeafloorOptions {
   double repeat_length_m = 0.35;
   double cell_m = 0.025;  // spacing of the height grid; made coarser above 4 million cells
   std::uint64_t seed = 1;
+  // Where given, its heights about the mean depth in place of the generated relief; centred at the
+  // world's origin.
+  std::shared_ptr<const HeightGrid> grid;
 };
 
 std::unique_ptr<Scene> MakeSeafloor(const SeafloorOptions& options, int num_threads);

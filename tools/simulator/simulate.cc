@@ -38,13 +38,16 @@ class MissionBuilder {
   IoExpected<SimulationReport> Run(const std::filesystem::path& out) {
     const auto camera = AnyCamera::Create(scenario_.rig.camera);
     if (!camera) return Refuse("rig.camera", camera.error().where, "correct the rig");
-    PlanShots();
+    if (auto status = PlanFloor(); !status) return Fail(status.error());
+    if (auto status = PlanShots(); !status) return Fail(status.error());
     if (scenario_.scene == SceneKind::kSeafloor) {
       if (auto status = PlanArea(*camera); !status) return Fail(status.error());
     }
     auto folder = AtomicFolder::Create(out, Existing::kReplace);
     if (!folder) return Fail(folder.error());
-    const auto scene = MakeScene();
+    const auto made = MakeScene();
+    if (!made) return Fail(made.error());
+    const auto& scene = *made;
     const auto caster = RayCaster::Create(scene->meshes());
     if (caster == nullptr) {
       return Fail({Errc::kUnsupported, "", "Embree", "cannot be started on this machine", ""});
@@ -72,25 +75,52 @@ class MissionBuilder {
     return Fail({Errc::kInvalidArgument, "", std::move(field), std::move(problem), std::move(fix)});
   }
 
-  std::unique_ptr<Trajectory> MakeTrajectory() const {
-    const double floor_m = scenario_.FloorDepth();
-    const double rate_hz = scenario_.images.rate_hz;
-    if (scenario_.path == PathKind::kOrbit) {
-      return MakeOrbit(scenario_.orbit, scenario_.rig.body_from_camera, floor_m, rate_hz);
+  // What altitudes and heights refer to.
+  IoStatus PlanFloor() {
+    floor_depth_m_ = scenario_.seafloor.depth_m;
+    if (scenario_.scene == SceneKind::kTank) floor_depth_m_ = scenario_.tank.depth_m;
+    if (scenario_.scene == SceneKind::kMesh) {
+      const auto depth = MeshFloorDepth(scenario_.mesh);
+      if (!depth) return Fail(depth.error());
+      floor_depth_m_ = *depth;
     }
-    const int images = scenario_.images.survey_images;
-    return MakeLawnmower(
-        images > 0 ? FitToImages(scenario_.trajectory, images, rate_hz) : scenario_.trajectory,
-        floor_m);
+    if (scenario_.scene != SceneKind::kSeafloor || scenario_.dem.empty()) return {};
+    auto grid = HeightGrid::Read(scenario_.dem);
+    if (!grid) return Fail(grid.error());
+    scenario_.seafloor.grid = std::make_shared<HeightGrid>(std::move(*grid));
+    return {};
   }
 
-  std::unique_ptr<Scene> MakeScene() const {
+  IoStatus MakeTrajectory() {
+    const double rate_hz = scenario_.images.rate_hz;
+    const Rigid3& body_from_camera = scenario_.rig.body_from_camera;
+    altitude_m_ = scenario_.trajectory.altitude_m;
+    if (scenario_.path == PathKind::kOrbit) {
+      trajectory_ = MakeOrbit(scenario_.orbit, body_from_camera, floor_depth_m_, rate_hz);
+    } else if (scenario_.path == PathKind::kRecorded) {
+      auto recorded =
+          LoadRecorded(scenario_.recorded, body_from_camera, floor_depth_m_, &altitude_m_);
+      if (!recorded) return Fail(recorded.error());
+      trajectory_ = std::move(*recorded);
+    } else {
+      const int images = scenario_.images.survey_images;
+      trajectory_ = MakeLawnmower(
+          images > 0 ? FitToImages(scenario_.trajectory, images, rate_hz) : scenario_.trajectory,
+          floor_depth_m_);
+    }
+    return {};
+  }
+
+  IoExpected<std::unique_ptr<Scene>> MakeScene() const {
     if (scenario_.scene == SceneKind::kTank) return MakeTank(scenario_.tank, hooks_.num_threads);
+    if (scenario_.scene == SceneKind::kMesh) {
+      return LoadMeshScene(scenario_.mesh, hooks_.num_threads);
+    }
     return MakeSeafloor(scenario_.seafloor, hooks_.num_threads);
   }
 
-  void PlanShots() {
-    trajectory_ = MakeTrajectory();
+  IoStatus PlanShots() {
+    if (auto status = MakeTrajectory(); !status) return status;
     int limit = scenario_.images.max_images;
     if (scenario_.path == PathKind::kLawnmower && scenario_.images.survey_images > 0) {
       limit = limit > 0 ? std::min(limit, scenario_.images.survey_images)
@@ -116,6 +146,7 @@ class MissionBuilder {
       shots_.push_back(shot);
     }
     report_.num_images = static_cast<int>(shots_.size());
+    return {};
   }
 
   // The seafloor under all that any image can see, from the rays of the image's border.
@@ -132,7 +163,8 @@ class MissionBuilder {
     }
     border.emplace_back();  // the camera itself
     SeafloorOptions& floor = scenario_.seafloor;
-    const double lowest = floor.depth_m + 1.5 * floor.relief_m + floor.ripple_height_m;
+    const double hollow = floor.grid ? -floor.grid->Lowest() : 1.5 * floor.relief_m;
+    const double lowest = floor.depth_m + hollow + floor.ripple_height_m;
     floor.min_ne_m = Vec2::Constant(1e9);
     floor.max_ne_m = Vec2::Constant(-1e9);
     for (const Shot& shot : shots_) {
@@ -149,12 +181,40 @@ class MissionBuilder {
     }
     floor.min_ne_m.array() -= kMarginM;
     floor.max_ne_m.array() += kMarginM;
+    if (floor.grid) {
+      const Vec2 half = floor.grid->HalfSize();
+      for (const Shot& shot : shots_) {
+        const Vec2 place = shot.world_from_camera.translation.head<2>();
+        if ((place.cwiseAbs().array() <= half.array()).all()) continue;
+        char problem[160];
+        std::snprintf(problem, sizeof problem,
+                      "image %s is taken beyond the grid, which reaches %.1f m north and %.1f m "
+                      "east of its middle",
+                      shot.name.c_str(), half.x(), half.y());
+        return Refuse("trajectory", problem, "keep the path over the grid");
+      }
+      floor.min_ne_m = floor.min_ne_m.cwiseMax(-half);
+      floor.max_ne_m = floor.max_ne_m.cwiseMin(half);
+    }
     const Vec2 size = floor.max_ne_m - floor.min_ne_m;
     if (size.x() * size.y() <= kMaxAreaM2) return {};
     char problem[128];
     std::snprintf(problem, sizeof problem, "the images would cover %.0f m x %.0f m of seafloor",
                   size.x(), size.y());
     return Refuse("trajectory", problem, "shorten the legs, or set images.max_images");
+  }
+
+  // Of the camera over a shot's exposure; one without motion blur.
+  std::vector<Rigid3> PosesOver(const Shot& shot) const {
+    if (!scenario_.sensor.motion_blur) return {shot.world_from_camera};
+    std::vector<Rigid3> poses;
+    const int count = scenario_.sensor.samples_per_pixel;
+    for (int i = 0; i < count; ++i) {
+      const double offset = scenario_.sensor.exposure_s * ((i + 0.5) / count - 0.5);
+      poses.push_back(trajectory_->WorldFromBody(shot.time_s + offset) *
+                      scenario_.rig.body_from_camera);
+    }
+    return poses;
   }
 
   static double AltitudeAt(const Scene& scene, const RayCaster& caster, const Vec3& in_world) {
@@ -165,7 +225,7 @@ class MissionBuilder {
 
   // Distance in water along the optical axis that the exposure is set for.
   double ExposedRange(const Scene& scene, const RayCaster& caster) const {
-    if (scenario_.path == PathKind::kLawnmower) return scenario_.trajectory.altitude_m;
+    if (scenario_.path == PathKind::kLawnmower) return altitude_m_;
     std::vector<double> ranges_m;
     for (const Shot& shot : shots_) {
       const Vec3 in_scene = shot.world_from_camera.translation - scene.WorldOffset();
@@ -186,7 +246,7 @@ class MissionBuilder {
         if (AltitudeAt(scene, caster, place) >= kMinClearanceM) continue;
         return Refuse("trajectory.altitude_m",
                       "the camera would touch the seafloor in image " + shot.name,
-                      "fly higher, or lower seafloor.relief_m and stone_max_radius_m");
+                      "fly higher, or lower the relief and stone_max_radius_m");
       }
       if (IsClear(scene, caster, place)) continue;
       return Refuse("trajectory",
@@ -222,6 +282,8 @@ class MissionBuilder {
 
   Scenario scenario_;
   const SimulationHooks& hooks_;
+  double floor_depth_m_ = 0.0;
+  double altitude_m_ = 0.0;
   std::unique_ptr<Trajectory> trajectory_;
   std::vector<Shot> shots_;
   SimulationReport report_;
@@ -236,8 +298,17 @@ IoStatus MissionBuilder::WriteNavigation(const std::filesystem::path& folder, co
   options.sync_to_disk = false;  // the folder is forced to the disk as a whole
   auto writer = MissionWriter::Create(folder, scenario_.rig, options);
   if (!writer) return Fail(writer.error());
+  std::optional<LocalFrame> frame;
+  if (scenario_.rig.world.origin) {
+    const auto made = LocalFrame::Create(*scenario_.rig.world.origin);
+    if (!made) return Refuse("rig.world.origin", made.error().where, "correct the rig");
+    frame = *made;
+  }
   for (const NavMeasurement& measurement : measurements) {
-    if (auto status = LogMeasurement(measurement, scenario_.rig, &*writer); !status) return status;
+    const LocalFrame* at = frame ? &*frame : nullptr;
+    if (auto status = LogMeasurement(measurement, scenario_.rig, at, &*writer); !status) {
+      return status;
+    }
   }
   std::vector<ImageTime> times;
   for (const Shot& shot : shots_) times.push_back({shot.name, shot.utime});
@@ -253,7 +324,7 @@ IoStatus MissionBuilder::WriteImage(const std::filesystem::path& folder, const R
                                     int index) {
   const Shot& shot = shots_[index];
   RenderedImage image;
-  renderer.Render(shot.world_from_camera, static_cast<std::uint32_t>(index), &image);
+  renderer.Render(PosesOver(shot), static_cast<std::uint32_t>(index), &image);
   const cv::Mat pixels(image.height, image.width, CV_8UC3, image.bgr.data());
   std::vector<int> parameters = {cv::IMWRITE_JPEG_QUALITY, scenario_.images.jpeg_quality};
   std::string extension = ".jpg";

@@ -367,16 +367,15 @@ class TankBuilder {
     paint.pebbles_per_m2 = 24000.0f;
     paint.max_radius_m = 0.02f;
     paint.mottle = 0.5f;
-    const int texture =
-        AddTexture(kShelfTexels * texel_m_, static_cast<float>(shelves_.height()) * texel_m_,
-                   {0.50f, 0.44f, 0.38f}, paint, seed_ + 30);
+    const int texture = AddTexture(kShelfM, static_cast<float>(shelves_.height()) * texel_m_,
+                                   {0.50f, 0.44f, 0.38f}, paint, seed_ + 30);
     for (TexturedMesh& object : objects_) {
       object.texture = texture;
       meshes_.push_back(std::move(object));
     }
   }
 
-  static constexpr int kShelfTexels = 4096;
+  static constexpr float kShelfM = 2.4f;  // width of the objects' texture
 
   TankOptions options_;
   int num_threads_;
@@ -384,7 +383,7 @@ class TankBuilder {
   std::uint32_t seed_;
   Rng rng_;
   TriangleMesh sphere_ = MakeIcosphere(4);
-  Shelves shelves_{kShelfTexels};
+  Shelves shelves_{static_cast<int>(kShelfM / texel_m_)};
   std::vector<std::pair<Vec2f, float>> taken_;
   std::vector<TexturedMesh> objects_;
   std::vector<TexturedMesh> meshes_;

@@ -18,7 +18,7 @@ struct TankOptions {
   int stones = 16;
   int bricks = 7;
   int posts = 5;            // upright, round
-  double texel_m = 0.0006;  // size of the finest texture
+  double texel_m = 0.0008;  // size of the finest texture
   double contrast = 1.0;    // of the texture: 0 is bare paint and sand
   std::uint64_t seed = 1;
 };

@@ -11,7 +11,7 @@
 namespace rsfm::simulator {
 namespace {
 
-constexpr int kSkyDirections = 48;
+constexpr int kSkyDirections = 32;
 
 // Directions of equal weight under an even sky: cosine-weighted about the axis z, on a Fibonacci
 // spiral.
