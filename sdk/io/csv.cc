@@ -7,12 +7,13 @@
 
 namespace rsfm {
 
-IoExpected<CsvTable> ReadCsv(const std::filesystem::path& path) {
+IoExpected<CsvTable> ReadCsv(const std::filesystem::path& path, CutEnd cut_end) {
   auto text = ReadWholeFile(path);
   if (!text) return Fail(text.error());
   CsvTable table;
   table.text = std::make_unique<std::string>(std::move(*text));
   std::string_view rest = *table.text, line;
+  if (cut_end == CutEnd::kDrop) rest = rest.substr(0, rest.rfind('\n') + 1);
   if (rest.starts_with("\xEF\xBB\xBF")) rest.remove_prefix(3);  // a byte order mark
   bool has_header = false;
   for (int number = 1; NextLine(&rest, &line); ++number) {

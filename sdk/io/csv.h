@@ -1,6 +1,7 @@
 // Comma-separated tables with one header line. For sdk/io's own readers.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -25,6 +26,14 @@ struct CsvTable {
 
 // Fields are trimmed; quotes have no meaning and are refused. Every row has a field for each
 // column, or it is an error that names the line.
-IoExpected<CsvTable> ReadCsv(const std::filesystem::path& path);
+// kDrop is for tables that grow while a vehicle may lose power: a last line without its end is then
+// taken for cut off and left out.
+enum class CutEnd : std::uint8_t { kError, kDrop };
+IoExpected<CsvTable> ReadCsv(const std::filesystem::path& path, CutEnd cut_end = CutEnd::kError);
+
+struct ImageTime;
+// ReadImageTimes (tables.h) with that choice.
+IoExpected<std::vector<ImageTime>> ReadImageTimes(const std::filesystem::path& path,
+                                                  CutEnd cut_end);
 
 }  // namespace rsfm

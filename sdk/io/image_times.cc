@@ -8,7 +8,12 @@
 namespace rsfm {
 
 IoExpected<std::vector<ImageTime>> ReadImageTimes(const std::filesystem::path& path) {
-  const auto csv = ReadCsv(path);
+  return ReadImageTimes(path, CutEnd::kError);
+}
+
+IoExpected<std::vector<ImageTime>> ReadImageTimes(const std::filesystem::path& path,
+                                                  CutEnd cut_end) {
+  const auto csv = ReadCsv(path, cut_end);
   if (!csv) return Fail(csv.error());
   const std::string file = path.string();
   if (csv->columns != std::vector<std::string>{"image", "utime"}) {

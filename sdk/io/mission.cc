@@ -4,6 +4,7 @@
 #include <unordered_map>
 
 #include "rsfm/io/atomic_output.h"
+#include "rsfm/io/csv.h"
 #include "rsfm/io/nav_messages.h"
 
 namespace rsfm {
@@ -182,8 +183,8 @@ IoExpected<Mission> ReadMission(const fs::path& folder, const MissionReadOptions
   auto rig = ReadRig(folder / kRigFile);
   if (!rig) return Fail(rig.error());
   mission.rig = std::move(*rig);
-  if (fs::exists(folder / kImagesFile, error)) {
-    auto images = ReadImageTimes(folder / kImagesFile);
+  if (const auto bytes = fs::file_size(folder / kImagesFile, error); !error && bytes > 0) {
+    auto images = ReadImageTimes(folder / kImagesFile, CutEnd::kDrop);
     if (!images) return Fail(images.error());
     mission.images = std::move(*images);
   }

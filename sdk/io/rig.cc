@@ -7,6 +7,7 @@
 #include "rsfm/io/camera_yaml.h"
 #include "rsfm/io/colmap_cameras.h"
 #include "rsfm/io/rig_names.h"
+#include "rsfm/io/rig_onboard.h"
 #include "rsfm/io/text.h"
 #include "rsfm/io/yaml_map.h"
 
@@ -243,6 +244,12 @@ void ReadRigSections(const YAML::Node& root, const std::string& file,
   }
   if (const YAML::Node node = map.GetMap("mapper", Need::kOptional)) {
     ReadMapper(node, file, problems, &rig->mapper);
+  }
+  if (const YAML::Node node = map.GetMap("capture", Need::kOptional)) {
+    ReadCaptureSection(node, file, problems, &rig->capture);
+  }
+  if (const YAML::Node node = map.GetMap("onboard", Need::kOptional)) {
+    ReadOnboardSection(node, file, problems, &rig->onboard);
   }
   map.Finish();
 }

@@ -10,6 +10,7 @@
 
 #include "rsfm/base/rigid3.h"
 #include "rsfm/io/diagnostic.h"
+#include "rsfm/io/onboard_options.h"
 #include "rsfm/mapping/mapper_options.h"
 #include "rsfm/navigation/local_frame.h"
 #include "rsfm/refraction/camera_config.h"
@@ -74,6 +75,8 @@ struct Rig {
   World world;
   BusOptions bus;
   MapperOptions mapper;
+  CaptureOptions capture;
+  OnboardOptions onboard;
 };
 
 // Reads a rig file: rig.yaml, calibmar's YAML, or COLMAP's cameras.txt / cameras.bin with one

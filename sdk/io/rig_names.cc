@@ -47,4 +47,13 @@ std::string InputTypeNames() {
   return text;
 }
 
+std::string YamlText(std::string_view value) {
+  std::string result = "\"";
+  for (const char c : value) {
+    if (c == '"' || c == '\\') result += '\\';
+    result += c;
+  }
+  return result + "\"";
+}
+
 }  // namespace rsfm

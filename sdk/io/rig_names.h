@@ -15,6 +15,8 @@ bool FromString(std::string_view name, WorldFrame* frame);
 bool FromString(std::string_view name, InputType* type);
 bool FromString(std::string_view name, Convention* convention);
 std::string InputTypeNames();  // for messages
+// Double-quoted for a YAML file: channel names, URLs and paths may hold any character.
+std::string YamlText(std::string_view value);
 
 // f(key in rig.yaml, channel name)
 template <class Bus, class F>

@@ -3,6 +3,7 @@
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/rig.h"
 #include "rsfm/io/rig_names.h"
+#include "rsfm/io/rig_onboard.h"
 #include "rsfm/io/text.h"
 
 namespace rsfm {
@@ -17,16 +18,6 @@ void AddField(std::string* text, std::string_view key, double value) {
 }
 void AddField(std::string* text, std::string_view key, const Vec3& value) {
   AddField(text, key, FormatList(value.data(), 3));
-}
-
-// Double-quoted: channel names and URLs may hold any character.
-std::string YamlText(std::string_view value) {
-  std::string result = "\"";
-  for (const char c : value) {
-    if (c == '"' || c == '\\') result += '\\';
-    result += c;
-  }
-  return result + "\"";
 }
 
 std::string OptionText(int value) { return std::to_string(value); }
@@ -165,7 +156,8 @@ std::string FormatRig(const Rig& rig) {
     AddField(&text, "translation_m", rig.body_from_camera.translation);
   }
   return text + FormatSensors(rig.sensors) + FormatWorld(rig.world) + FormatBus(rig.bus) +
-         FormatMapper(rig.mapper);
+         FormatMapper(rig.mapper) + FormatCaptureSection(rig.capture) +
+         FormatOnboardSection(rig.onboard);
 }
 
 IoStatus WriteRig(const Rig& rig, const std::filesystem::path& path) {

@@ -130,6 +130,22 @@ TEST_F(MissionTest, ACutLogLosesOnlyTheCutEvent) {
   EXPECT_EQ(mission->landmarks.at(7).xyz, Vec3(5, 2, 2));
 }
 
+TEST_F(MissionTest, ACutTableOfImagesLosesOnlyTheCutRow) {
+  const std::filesystem::path table = folder_.path() / kImagesFile;
+  const std::string text = *ReadWholeFile(table);
+  for (const char* cut : {"i2", "i2.jpg,", "i2.jpg,3", "i2.jpg,9999999999"}) {
+    ASSERT_TRUE(WriteFileAtomically(table, text + cut));
+    const auto mission = ReadMission(folder_.path());
+    ASSERT_TRUE(mission) << ToString(mission.error());
+    EXPECT_EQ(mission->images.size(), 2u) << cut;
+    EXPECT_FALSE(ReadImageTimes(table) && ReadImageTimes(table)->size() == 2u) << cut;
+  }
+  ASSERT_TRUE(WriteFileAtomically(table, ""));  // power went before the header was there
+  const auto mission = ReadMission(folder_.path());
+  ASSERT_TRUE(mission) << ToString(mission.error());
+  EXPECT_TRUE(mission->images.empty());
+}
+
 TEST_F(MissionTest, TheIndexOfWaterIsThatOfTheTime) {
   Rig rig = SampleRig();
   rig.camera.port.type = PortType::kFlat;

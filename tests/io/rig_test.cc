@@ -217,6 +217,53 @@ TEST(RigTest, ForeignTypesMustNameTheirConvention) {
   EXPECT_EQ(rig.error().line, 16);
 }
 
+TEST(RigTest, CaptureAndOnboardAreReadAndWritten) {
+  const std::string text = std::string(kFlat) + R"(capture:
+  device: /dev/rsfm-camera
+  format: y10
+  frame_rate_hz: 29.97
+  exposure_us: 4000
+  controls: {trigger_mode: 1, "0x009a0955": -3}
+onboard:
+  record_images: false
+  image_quota_mb: 20000
+  mapper_priority: 40
+)";
+  const auto rig = ParseRig(text, "rig.yaml");
+  ASSERT_TRUE(rig) << ToString(rig.error());
+  EXPECT_EQ(rig->capture.device, "/dev/rsfm-camera");
+  EXPECT_EQ(rig->capture.format, PixelFormat::kY10);
+  EXPECT_EQ(rig->capture.frame_rate_hz, 29.97);
+  EXPECT_EQ(rig->capture.controls.at("trigger_mode"), 1);
+  EXPECT_EQ(rig->capture.controls.at("0x009a0955"), -3);
+  EXPECT_FALSE(rig->onboard.record_images);
+  EXPECT_EQ(rig->onboard.image_quota_mb, 20000);
+  EXPECT_EQ(rig->onboard.mapper_priority, 40);
+  const auto again = ParseRig(FormatRig(*rig), "again.yaml");
+  ASSERT_TRUE(again) << ToString(again.error()) << FormatRig(*rig);
+  EXPECT_EQ(FormatRig(*again), FormatRig(*rig));
+  EXPECT_EQ(again->capture.controls, rig->capture.controls);
+  EXPECT_FALSE(again->onboard.record_images);
+}
+
+TEST(RigTest, CaptureAndOnboardOutOfRangeAreNamed) {
+  const std::pair<const char*, const char*> cases[] = {
+      {"capture:\n  num_buffers: 1\n", "capture.num_buffers"},
+      {"capture:\n  exposure_us: -5\n", "capture.exposure_us"},
+      {"capture:\n  format: rgb\n", "capture.format"},
+      {"capture:\n  controls: {gain: high}\n", "capture.controls.gain"},
+      {"capture:\n  shutter: 3\n", "capture.shutter"},
+      {"onboard:\n  jpeg_quality: 101\n", "onboard.jpeg_quality"},
+      {"onboard:\n  frame_queue: 0\n", "onboard.frame_queue"},
+      {"onboard:\n  record_images: 7.5\n", "onboard.record_images"}};
+  for (const auto& [text, field] : cases) {
+    const auto rig = ParseRig(std::string(kFlat) + text, "rig.yaml");
+    ASSERT_FALSE(rig) << text;
+    EXPECT_EQ(rig.error().field, field);
+    EXPECT_EQ(rig.error().line, 15);
+  }
+}
+
 TEST(RigTest, MapperOptionsOutOfRangeAreNamed) {
   const auto rig = ParseRig(std::string(kFlat) + "mapper:\n  max_ratio: -3\n", "rig.yaml");
   ASSERT_FALSE(rig);

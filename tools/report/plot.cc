@@ -383,7 +383,7 @@ void Plot::Draw(Canvas* canvas) const {
   const Vec2& min = axes.box.min;
   const Vec2& max = axes.box.max;
   const Vec2 border[5] = {min, {max.x(), min.y()}, max, {min.x(), max.y()}, min};
-  canvas->Line(border, {kGrey, 1.0});
+  canvas->Line(border, {kMidGrey, 1.0});
   DrawLegend(canvas, min.x(), max.x());
   if (has_colour_bar_) DrawColourBar(axes, canvas);
   if (options_.scale_bar) DrawScaleBar(axes, canvas);

@@ -13,7 +13,7 @@ inline constexpr Colour kOrange{230, 140, 0};
 inline constexpr Colour kBlue{0, 100, 178};
 inline constexpr Colour kGreen{0, 140, 105};
 inline constexpr Colour kRed{200, 60, 20};
-inline constexpr Colour kGrey{120, 120, 120};
+inline constexpr Colour kMidGrey{120, 120, 120};
 
 // Dark violet through green to yellow for 0 to 1: equal steps look equal.
 Colour Viridis(double fraction);

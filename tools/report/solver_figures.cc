@@ -50,10 +50,10 @@ struct MethodStyle {
 };
 MethodStyle StyleOf(std::string_view method) {
   static const std::map<std::string_view, MethodStyle> styles = {
-      {"p3p_in_air", {"P3P, no refraction", kGrey}},
+      {"p3p_in_air", {"P3P, no refraction", kMidGrey}},
       {"gp3p", {"GP3P", kOrange}},
       {"gp3p_refined", {"GP3P refined (ours)", kBlue}},
-      {"five_point_in_air", {"5-point, no refraction", kGrey}},
+      {"five_point_in_air", {"5-point, no refraction", kMidGrey}},
       {"best_fit", {"best fit", kOrange}},
       {"best_fit_refined", {"best fit + refinement", kGreen}},
       {"hu17", {"17-point", kRed}},
