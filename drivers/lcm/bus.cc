@@ -41,11 +41,17 @@ struct LcmBus::Impl {
     Impl* impl;
     RawHandler handler;
     lcm_subscription_t* handle = nullptr;
+    int num_in_pass = 0;  // since the queues were last found empty
   };
 
   static void OnMessage(const lcm_recv_buf_t* buffer, const char* channel, void* user) {
-    const auto* subscription = static_cast<const Subscription*>(user);
+    auto* subscription = static_cast<Subscription*>(user);
     ++subscription->impl->received;
+    // So many without a pause: the queue was full when they began to be taken.
+    if (++subscription->num_in_pass == subscription->impl->queue_capacity) {
+      ++subscription->impl->overruns;
+      subscription->num_in_pass = 0;
+    }
     subscription->handler(channel, buffer->recv_utime,
                           std::span(static_cast<const std::uint8_t*>(buffer->data),
                                     static_cast<std::size_t>(buffer->data_size)));
@@ -55,7 +61,8 @@ struct LcmBus::Impl {
   std::string url;
   int queue_capacity = 0;
   std::vector<std::unique_ptr<Subscription>> subscriptions;
-  std::atomic<std::int64_t> published = 0, publish_errors = 0, received = 0, malformed = 0;
+  std::atomic<std::int64_t> published = 0, publish_errors = 0, received = 0, malformed = 0,
+                            overruns = 0;
 };
 
 LcmBus::LcmBus(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -98,19 +105,23 @@ void LcmBus::SubscribeRaw(const std::string& channel, RawHandler handler) {
 
 IoExpected<int> LcmBus::Handle(int timeout_ms) {
   int count = 0;
-  for (; count < impl_->queue_capacity; ++count) {
+  for (; count < kMaxPerCall; ++count) {
     const int result = lcm_handle_timeout(impl_->lcm, count == 0 ? timeout_ms : 0);
     if (result < 0 && errno != EINTR) {
       return Fail({Errc::kIo, "", "LCM URL " + impl_->url, "fails while receiving",
                    "see whether its network or file is still there"});
     }
-    if (result <= 0) break;
+    if (result <= 0) {
+      for (const auto& subscription : impl_->subscriptions) subscription->num_in_pass = 0;
+      break;
+    }
   }
   return count;
 }
 
 LcmBusCounters LcmBus::counters() const {
-  return {impl_->published, impl_->publish_errors, impl_->received, impl_->malformed};
+  return {impl_->published, impl_->publish_errors, impl_->received, impl_->malformed,
+          impl_->overruns};
 }
 
 void LcmBus::CountMalformed() { ++impl_->malformed; }

@@ -25,7 +25,7 @@ struct LcmBusOptions {
   // Socket buffer of udpm where the URL does not name one: images' neighbours on a bus come in
   // bursts that the system's default loses.
   int recv_buf_bytes = 4 << 20;
-  // Messages of one channel that wait for Handle(); beyond it the oldest are dropped.
+  // Messages of one channel that wait for Handle(); beyond it the newest are dropped.
   int queue_capacity = 256;
 };
 
@@ -34,6 +34,9 @@ struct LcmBusCounters {
   std::int64_t publish_errors = 0;
   std::int64_t received = 0;
   std::int64_t malformed = 0;  // wrong fingerprint, truncated, impossible counts: dropped
+  // How often a channel's queue was found full: at least so many messages were dropped, or would
+  // have been with the next one. LCM itself does not say how many.
+  std::int64_t overruns = 0;
 };
 
 class LcmBus {
@@ -73,8 +76,10 @@ class LcmBus {
                  });
   }
 
-  // Waits up to timeout_ms for a message, then handles all that are there. How many that were;
-  // kIo when the provider fails (a replayed file has ended).
+  // Waits up to timeout_ms for a message, then handles what is there, at most kMaxPerCall of them,
+  // so that a flood cannot keep the caller. How many that were; kIo when the provider fails (a
+  // replayed file has ended).
+  static constexpr int kMaxPerCall = 4096;
   IoExpected<int> Handle(int timeout_ms);
 
   LcmBusCounters counters() const;

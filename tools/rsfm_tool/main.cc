@@ -11,6 +11,7 @@
 #include "tools/common/exit.h"
 #include "tools/common/progress.h"
 #include "tools/rsfm_tool/verb_backproject.h"
+#include "tools/rsfm_tool/verb_camera.h"
 #include "tools/rsfm_tool/verb_check.h"
 #include "tools/rsfm_tool/verb_evaluate.h"
 #include "tools/rsfm_tool/verb_evaluate_solvers.h"
@@ -64,6 +65,7 @@ int Main(int argc, char** argv) {
   app.set_version_flag("--version", RSFM_VERSION);
   Verbs verbs(&app);
   verbs.Add(DeclareBackproject, RunBackproject);
+  verbs.Add(DeclareCamera, RunCamera);
   verbs.Add(DeclareCheck, RunCheck);
   verbs.Add(DeclareEvaluate, RunEvaluate);
   verbs.Add(DeclareEvaluateSolvers, RunEvaluateSolvers);

@@ -1,0 +1,196 @@
+#include "rsfm_drivers/v4l2/capture.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <limits>
+
+namespace rsfm {
+namespace {
+
+constexpr std::int64_t kTrackPeriodUs = 1'000'000;
+constexpr std::int64_t kErrorPauseUs = 1000;  // poll reports an error at once, again and again
+
+}  // namespace
+
+Capture::Capture(VideoSystem* system, const CaptureOptions& options, int width, int height)
+    : system_(system), options_(options), width_(width), height_(height) {}
+
+std::int64_t Capture::WatchdogUs() const {
+  if (options_.watchdog_s > 0.0) return std::llround(1e6 * options_.watchdog_s);
+  const double period_us = format_.frame_rate_hz > 0.0 ? 1e6 / format_.frame_rate_hz : 0.0;
+  return std::max<std::int64_t>(1'000'000, std::llround(10.0 * period_us));
+}
+
+// Exposure and the distance of the clocks, once a second: both drift slowly, and a control of a USB
+// camera costs a transfer.
+void Capture::TrackClock(std::int64_t now_us) {
+  if (offset_.is_known() && now_us - last_track_us_ < kTrackPeriodUs) return;
+  last_track_us_ = now_us;
+  std::int64_t best_before = 0, best_after = std::numeric_limits<std::int64_t>::max();
+  Utime best_utc = 0;
+  for (int i = 0; i < 3; ++i) {
+    const std::int64_t before = system_->MonotonicUs();
+    const Utime utc = system_->UtcUs();
+    const std::int64_t after = system_->MonotonicUs();
+    if (after - before >= best_after - best_before) continue;
+    best_before = before;
+    best_after = after;
+    best_utc = utc;
+  }
+  offset_.Track(best_before, best_utc, best_after);
+  counters_.clock_steps = offset_.num_steps();
+  exposure_us_ = device_->ExposureUs();
+}
+
+IoStatus Capture::Open() {
+  if (device_) return {};
+  auto device = VideoDevice::Open(system_, options_, width_, height_);
+  const std::int64_t now_us = system_->MonotonicUs();
+  retry_at_us_ = now_us + retry_after_us_;
+  retry_after_us_ = std::min(2 * retry_after_us_, kLastRetryUs);
+  if (!device) {
+    last_problem_ = device.error();
+    return Fail(device.error());
+  }
+  auto converter = GreyConverter::Create(device->format().raw);
+  if (!converter) {
+    last_problem_ = Diagnostic{Errc::kIo, options_.device, converter.error().where,
+                               "of the stream is not one that can be read", ""};
+    return Fail(*last_problem_);
+  }
+  format_ = device->format();
+  converter_ = std::move(*converter);
+  device_ = std::make_unique<VideoDevice>(std::move(*device));
+  counters_.restarts += was_open_ ? 1 : 0;
+  was_open_ = true;
+  has_sequence_ = false;
+  io_errors_in_a_row_ = 0;
+  last_good_us_ = now_us;
+  last_track_us_ = now_us - kTrackPeriodUs;
+  TrackClock(now_us);
+  return {};
+}
+
+Capture::Result Capture::Failed(Diagnostic problem, std::int64_t now_us) {
+  device_.reset();
+  last_problem_ = std::move(problem);
+  retry_at_us_ = now_us + retry_after_us_;
+  retry_after_us_ = std::min(2 * retry_after_us_, kLastRetryUs);
+  return Result::kDown;
+}
+
+Capture::Result Capture::Failed(const Error& error, std::int64_t now_us) {
+  return Failed(FromErrno(error.detail, options_.device, std::string("do ") + error.where), now_us);
+}
+
+Capture::Result Capture::Retry(int timeout_ms) {
+  const std::int64_t left_us = retry_at_us_ - system_->MonotonicUs();
+  const std::int64_t timeout_us = static_cast<std::int64_t>(timeout_ms) * 1000;
+  if (left_us > 0) system_->Wait(std::min(left_us, timeout_us));
+  if (left_us > timeout_us) return Result::kDown;
+  return Open() ? Result::kNothing : Result::kDown;
+}
+
+Capture::Result Capture::Nothing(std::int64_t now_us) {
+  if (now_us - last_good_us_ < WatchdogUs()) return Result::kNothing;
+  return Failed(
+      {Errc::kIo, options_.device, "",
+       "has given no whole frame for " + std::to_string((now_us - last_good_us_) / 1000) + " ms",
+       "see its cable and power; with an external trigger, set capture.watchdog_s"},
+      now_us);
+}
+
+Capture::Result Capture::Next(int timeout_ms, std::uint8_t* grey, CapturedFrame* frame) {
+  if (!device_) return Retry(timeout_ms);
+  unsigned events = 0;
+  if (const int error = system_->Poll(device_->fd(), timeout_ms, &events); error != 0)
+    return Failed(Error{Errc::kIo, "poll", error}, system_->MonotonicUs());
+  if ((events & VideoSystem::kException) != 0 && device_->SourceHasChanged()) {
+    return Failed({Errc::kIo, options_.device, "", "has changed its format", "it is opened again"},
+                  system_->MonotonicUs());
+  }
+  if ((events & (VideoSystem::kReadable | VideoSystem::kError)) == 0)
+    return Nothing(system_->MonotonicUs());
+  const Result result = Take(grey, frame);
+  // An error that brought no frame: poll would report it again at once.
+  if (result == Result::kNothing && (events & VideoSystem::kError) != 0)
+    system_->Wait(kErrorPauseUs);
+  return result;
+}
+
+bool Capture::Convert(const RawFrame& raw, std::uint8_t* grey) {
+  return !raw.is_damaged && converter_->Convert(raw.data, grey).has_value();
+}
+
+void Capture::CountGap(std::uint32_t sequence) {
+  // Devices that do not count repeat a number; a step back is a new start.
+  const std::uint32_t gap = sequence - last_sequence_ - 1;
+  if (has_sequence_ && gap < 0x80000000u) counters_.missed += gap;
+  has_sequence_ = true;
+  last_sequence_ = sequence;
+}
+
+bool Capture::SetTime(const RawFrame& raw, std::int64_t arrival_us, CapturedFrame* frame) {
+  TrackClock(arrival_us);
+  StampKind kind = raw.stamp_kind;
+  std::int64_t stamp_us = raw.stamp_us;
+  if (kind != StampKind::kNone && !IsPlausibleStamp(stamp_us, arrival_us)) {
+    ++counters_.bad_stamps;
+    kind = StampKind::kNone;
+  }
+  if (kind == StampKind::kNone) stamp_us = arrival_us;
+  const std::int64_t middle_us = MidExposureUs(kind, stamp_us, exposure_us_, options_);
+  const Utime utime = offset_.ToUtc(middle_us);
+  if (utime <= last_utime_) {
+    ++counters_.late;
+    return false;
+  }
+  last_utime_ = utime;
+  *frame = {utime, middle_us, raw.sequence};
+  return true;
+}
+
+Capture::Result Capture::Take(std::uint8_t* grey, CapturedFrame* frame) {
+  RawFrame raw;
+  const Status status = device_->Dequeue(&raw);
+  const std::int64_t now_us = system_->MonotonicUs();
+  if (!status) {
+    if (status.error().detail == EAGAIN) return Nothing(now_us);
+    if (status.error().detail != EIO || ++io_errors_in_a_row_ >= kMaxIoErrors)
+      return Failed(status.error(), now_us);
+    ++counters_.io_errors;
+    return Nothing(now_us);
+  }
+  io_errors_in_a_row_ = 0;
+  CountGap(raw.sequence);
+  const bool is_whole = Convert(raw, grey);
+  if (const Status requeued = device_->Requeue(raw.index); !requeued)
+    return Failed(requeued.error(), now_us);
+  if (!is_whole) {
+    ++counters_.damaged;
+    return Nothing(now_us);
+  }
+  last_good_us_ = now_us;
+  retry_after_us_ = kFirstRetryUs;
+  last_problem_.reset();
+  if (!SetTime(raw, now_us, frame)) return Result::kNothing;
+  ++counters_.frames;
+  return Result::kFrame;
+}
+
+IoStatus Capture::ChangeControls(const CaptureOptions& options) {
+  if (device_) {
+    if (auto s = device_->SetControls(options); !s) {
+      static_cast<void>(device_->SetControls(options_));
+      return s;
+    }
+    exposure_us_ = device_->ExposureUs();
+  }
+  options_.exposure_us = options.exposure_us;
+  options_.gain = options.gain;
+  options_.controls = options.controls;
+  return {};
+}
+
+}  // namespace rsfm

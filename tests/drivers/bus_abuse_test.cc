@@ -1,0 +1,156 @@
+// What a bus may throw at us on every channel that is listened to: nothing of it stops the good.
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "rsfm/base/rng.h"
+#include "rsfm_drivers/lcm/bus.h"
+
+namespace rsfm {
+namespace {
+
+class BusAbuseTest : public ::testing::Test {
+ protected:
+  BusAbuseTest() {
+    rig_.bus.inputs.push_back({"POSE", InputType::kBotCorePose, Convention::kLibbot});
+    LcmBusOptions options;
+    options.url = "memq://";
+    options.queue_capacity = 64;
+    bus_ = std::move(*LcmBus::Create(options));
+    receiver_ = std::make_unique<NavReceiver>(
+        bus_.get(), rig_, [this](const NavSample& sample) { samples_.push_back(sample); });
+  }
+  // All that is on its way.
+  void Drain() {
+    while (bus_->Handle(0).value_or(0) > 0) {
+    }
+  }
+  static std::vector<std::uint8_t> GoodDepth(Utime utime) {
+    depth_t message = {};
+    message.utime = utime;
+    message.valid = 1;
+    message.depth_m = 10.0 + 1e-6 * static_cast<double>(utime);
+    std::vector<std::uint8_t> bytes;
+    EXPECT_TRUE(Encode(message, &bytes));
+    return bytes;
+  }
+  template <class Message>
+  static std::vector<std::uint8_t> Bytes(const Message& message) {
+    std::vector<std::uint8_t> bytes;
+    EXPECT_TRUE(Encode(message, &bytes));
+    return bytes;
+  }
+  static std::vector<std::vector<std::uint8_t>> OneOfEach() {
+    dvl_t dvl = {};
+    dvl.num_beams = 2;
+    dvl.beam_range_m = dvl.beam_velocity_mps = {1.0, 2.0};
+    dvl.beam_valid = {1, 1};
+    return {Bytes(nav_t{}), Bytes(dvl),     Bytes(ahrs_t{}),           Bytes(depth_t{}),
+            Bytes(ctd_t{}), Bytes(fix_t{}), Bytes(bot_core::pose_t{}), Bytes(water_t{})};
+  }
+
+  Rig rig_;
+  std::unique_ptr<LcmBus> bus_;
+  std::unique_ptr<NavReceiver> receiver_;
+  std::vector<NavSample> samples_;
+};
+
+TEST_F(BusAbuseTest, EveryTypeOnEveryChannelCutAndWhole) {
+  std::int64_t sent = 0;
+  for (const BusInput& input : rig_.bus.inputs) {
+    for (const auto& whole : OneOfEach()) {
+      for (std::size_t size = 0; size < whole.size(); size += 5, ++sent)
+        ASSERT_TRUE(bus_->PublishRaw(input.channel, std::span(whole.data(), size)));
+      Drain();
+    }
+  }
+  EXPECT_EQ(bus_->counters().received, sent);
+  EXPECT_EQ(bus_->counters().malformed, sent);  // each was cut
+  EXPECT_TRUE(samples_.empty());
+}
+
+TEST_F(BusAbuseTest, BytesTurnedAroundNeverBecomeNumbersThatAreNone) {
+  Rng rng(9);
+  nav_t nav = {};
+  nav.utime = 1;
+  nav.valid = 0x7fffffff;
+  nav.ned_from_body_q[0] = 1.0;
+  const auto good = Bytes(nav);
+  for (int i = 0; i < 20'000; ++i) {
+    auto bytes = good;
+    for (int k = 0; k < 1 + i % 4; ++k) {
+      bytes[static_cast<std::size_t>(rng.Uniform(8.0, static_cast<double>(bytes.size()) - 0.01))] =
+          static_cast<std::uint8_t>(rng.Uniform(0.0, 255.99));
+    }
+    ASSERT_TRUE(bus_->PublishRaw("RSFM_NAV", bytes));
+    Drain();
+  }
+  EXPECT_GT(samples_.size(), 1000u);
+  for (const NavSample& s : samples_) {
+    EXPECT_TRUE(!s.Has(NavField::kPosition) || s.position_ned_m.allFinite());
+    EXPECT_TRUE(!s.Has(NavField::kVelocity) || s.velocity_body_mps.allFinite());
+    EXPECT_TRUE(!s.Has(NavField::kAttitude) || std::abs(s.ned_from_body.norm() - 1.0) < 1e-9);
+    EXPECT_TRUE(!s.Has(NavField::kDepth) || std::isfinite(s.depth_m));
+    EXPECT_TRUE(!s.Has(NavField::kAltitude) || std::isfinite(s.altitude_m));
+    EXPECT_TRUE(!s.Has(NavField::kWater) || std::isfinite(s.temperature_c + s.salinity_psu));
+  }
+}
+
+// 10 000 messages of rubbish on each channel between good ones: each good one is there, and right.
+TEST_F(BusAbuseTest, AFloodBetweenGoodMessages) {
+  Rng rng(4);
+  std::vector<std::uint8_t> rubbish(300);
+  for (auto& byte : rubbish) byte = static_cast<std::uint8_t>(rng.Uniform(0.0, 255.99));
+  constexpr int kGood = 100, kFlood = 10'000;
+  std::int64_t num_rubbish = 0;
+  for (int i = 0; i < kGood; ++i) {
+    ASSERT_TRUE(bus_->PublishRaw("RSFM_DEPTH", GoodDepth(1000 * i)));
+    for (const BusInput& input : rig_.bus.inputs) {
+      for (int k = 0; k < kFlood / kGood; ++k, ++num_rubbish)
+        ASSERT_TRUE(bus_->PublishRaw(input.channel, rubbish));
+    }
+    Drain();
+  }
+  EXPECT_EQ(bus_->counters().malformed, num_rubbish);
+  ASSERT_EQ(samples_.size(), static_cast<std::size_t>(kGood));
+  for (int i = 0; i < kGood; ++i) {
+    EXPECT_EQ(samples_[static_cast<std::size_t>(i)].utime, 1000 * i);
+    EXPECT_EQ(samples_[static_cast<std::size_t>(i)].depth_m, 10.0 + 1e-3 * i);
+  }
+}
+
+TEST_F(BusAbuseTest, AFullQueueIsCounted) {
+  for (int i = 0; i < 63; ++i) ASSERT_TRUE(bus_->PublishRaw("RSFM_DEPTH", GoodDepth(i)));
+  Drain();
+  EXPECT_EQ(bus_->counters().overruns, 0);
+  for (int i = 0; i < 200; ++i) ASSERT_TRUE(bus_->PublishRaw("RSFM_DEPTH", GoodDepth(i)));
+  Drain();
+  EXPECT_GT(bus_->counters().overruns, 0);
+}
+
+TEST(BusFileTest, AFileIsWrittenAsALogOfEvents) {
+  const std::string path = ::testing::TempDir() + "rsfm_bus_test.lcm";
+  LcmBusOptions options;
+  options.url = "file://" + path + "?mode=w";
+  {
+    auto bus = LcmBus::Create(options);
+    ASSERT_TRUE(bus) << ToString(bus.error());
+    depth_t message = {};
+    message.utime = 5;
+    EXPECT_TRUE((*bus)->Publish("RSFM_DEPTH", message));
+  }
+  options.url = "file://" + path + "?speed=0";
+  auto bus = LcmBus::Create(options);
+  ASSERT_TRUE(bus) << ToString(bus.error());
+  int count = 0;
+  (*bus)->Subscribe<depth_t>("RSFM_DEPTH", [&](Utime, const depth_t& m) {
+    ++count;
+    EXPECT_EQ(m.utime, 5);
+  });
+  while ((*bus)->Handle(1000).value_or(0) > 0 && count == 0) {
+  }
+  EXPECT_EQ(count, 1);
+}
+
+}  // namespace
+}  // namespace rsfm

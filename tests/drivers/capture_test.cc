@@ -1,0 +1,264 @@
+// A camera that fails, vanishes and returns, on a fake of the system calls with its own clock.
+#include "rsfm_drivers/v4l2/capture.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/drivers/fake_video.h"
+#include "tests/support/malloc_trap.h"
+
+namespace rsfm {
+namespace {
+
+using ::testing::HasSubstr;
+using Result = Capture::Result;
+
+class CaptureTest : public ::testing::Test {
+ protected:
+  Capture Make() { return Capture(&video_, options_, 8, 6); }
+  // The next frame, however many calls that takes; kDown or kNothing after too many.
+  Result NextFrame(Capture* capture, int max_calls = 200) {
+    Result result = Result::kNothing;
+    for (int i = 0; i < max_calls && result != Result::kFrame; ++i)
+      result = capture->Next(100, grey_, &frame_);
+    return result;
+  }
+
+  FakeVideo video_;
+  CaptureOptions options_;
+  std::uint8_t grey_[48] = {};
+  CapturedFrame frame_;
+};
+
+TEST_F(CaptureTest, FramesComeWithPixelsAndTime) {
+  video_.controls = {{V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 50}}};
+  video_.stamp_delay_us = 3000;
+  options_.readout_us = 10'000.0;
+  Capture capture = Make();
+  for (std::uint32_t i = 0; i < 5; ++i) {
+    ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+    EXPECT_EQ(frame_.sequence, i);
+    EXPECT_EQ(grey_[0], i);
+    EXPECT_EQ(grey_[47], i);
+    EXPECT_EQ(frame_.mid_exposure_us, video_.now_us - 3000 - 10'000 - 2500);
+    EXPECT_EQ(frame_.utime, frame_.mid_exposure_us + video_.utc_minus_monotonic_us);
+  }
+  EXPECT_EQ(capture.counters().frames, 5);
+  EXPECT_EQ(capture.counters().missed, 0);
+  EXPECT_EQ(video_.num_opens, 1);
+}
+
+TEST_F(CaptureTest, StampKinds) {
+  video_.stamp_delay_us = 5000;
+  video_.stamp_flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_SOE;
+  options_.readout_us = 2000.0;
+  Capture start = Make();
+  ASSERT_EQ(NextFrame(&start), Result::kFrame);
+  EXPECT_EQ(frame_.mid_exposure_us, video_.now_us - 5000);
+  video_.stamp_flags = V4L2_BUF_FLAG_TIMESTAMP_UNKNOWN;
+  Capture unknown = Make();
+  ASSERT_EQ(NextFrame(&unknown), Result::kFrame);
+  EXPECT_EQ(frame_.mid_exposure_us, video_.now_us - 2000);
+  video_.stamp_flags = V4L2_BUF_FLAG_TIMESTAMP_COPY;
+  Capture copied = Make();
+  ASSERT_EQ(NextFrame(&copied), Result::kFrame);
+  EXPECT_EQ(frame_.mid_exposure_us, video_.now_us - 2000);
+  EXPECT_EQ(copied.counters().bad_stamps, 0);
+  video_.stamp_flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
+  video_.stamp_delay_us = -60'000'000;  // a minute ahead
+  Capture wrong = Make();
+  ASSERT_EQ(NextFrame(&wrong), Result::kFrame);
+  EXPECT_EQ(frame_.mid_exposure_us, video_.now_us - 2000);
+  EXPECT_EQ(wrong.counters().bad_stamps, 1);
+}
+
+TEST_F(CaptureTest, GapsAreCountedAndNewStartsAreNot) {
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  video_.skip = 4;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(capture.counters().missed, 4);
+  video_.is_present = false;
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  video_.is_present = true;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(frame_.sequence, 0u);
+  EXPECT_EQ(capture.counters().missed, 4);
+  EXPECT_EQ(capture.counters().restarts, 1);
+}
+
+TEST_F(CaptureTest, DamagedFramesAreCountedAndNotHandedOut) {
+  Capture capture = Make();
+  video_.frame_flags = {V4L2_BUF_FLAG_ERROR, 0, V4L2_BUF_FLAG_ERROR};
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(frame_.sequence, 1u);
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(frame_.sequence, 3u);
+  EXPECT_EQ(capture.counters().damaged, 2);
+  video_.fill = [](std::uint32_t, std::uint8_t*, std::size_t* bytes) { *bytes -= 1; };
+  EXPECT_EQ(NextFrame(&capture, 3), Result::kNothing);
+  EXPECT_EQ(capture.counters().damaged, 5);
+  EXPECT_EQ(capture.counters().missed, 0);
+}
+
+TEST_F(CaptureTest, SingleIoErrorsAreSurvivedAndManyReopen) {
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  video_.dequeue_errors = {EIO, EIO};
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(capture.counters().io_errors, 2);
+  EXPECT_EQ(video_.num_opens, 1);
+  video_.dequeue_errors.assign(Capture::kMaxIoErrors, EIO);
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(video_.num_opens, 2);
+  EXPECT_EQ(capture.counters().restarts, 1);
+}
+
+TEST_F(CaptureTest, AVanishedDeviceIsTriedAgainWithBackOff) {
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  const Utime last = frame_.utime;
+  video_.is_present = false;
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  ASSERT_TRUE(capture.last_problem());
+  EXPECT_THAT(ToString(*capture.last_problem()), HasSubstr("VIDIOC_DQBUF"));
+  EXPECT_THAT(ToString(*capture.last_problem()), HasSubstr(std::strerror(ENODEV)));
+  EXPECT_EQ(video_.num_open, 0);
+  // A minute away: 0.1 + 0.2 + 0.4 + ... + 3.2 s, then every 5 s. A caller gets control back
+  // within his time-out.
+  const std::int64_t start_us = video_.now_us;
+  const auto opens = [&] {
+    int count = 0;
+    std::string before;
+    while (video_.now_us - start_us < 60'000'000) {
+      const std::int64_t call_us = video_.now_us;
+      EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+      EXPECT_LE(video_.now_us - call_us, 100'000);
+      if (ToString(*capture.last_problem()).find("open the camera") != std::string::npos) ++count;
+    }
+    return count;
+  }();
+  EXPECT_GT(opens, 0);
+  EXPECT_THAT(ToString(*capture.last_problem()), HasSubstr("cannot open the camera"));
+  video_.is_present = true;
+  const std::int64_t back_us = video_.now_us;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_LE(video_.now_us - back_us, Capture::kLastRetryUs + 300'000);
+  EXPECT_GT(frame_.utime, last);
+  EXPECT_FALSE(capture.last_problem());
+  // A good frame ends the back-off.
+  video_.is_present = false;
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  video_.is_present = true;
+  const std::int64_t again_us = video_.now_us;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_LE(video_.now_us - again_us, Capture::kFirstRetryUs + 300'000);
+}
+
+TEST_F(CaptureTest, AStuckDeviceIsOpenedAgain) {
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  video_.is_silent = true;
+  const std::int64_t start_us = video_.now_us;
+  Result result = Result::kNothing;
+  while (result == Result::kNothing) result = capture.Next(100, grey_, &frame_);
+  EXPECT_EQ(result, Result::kDown);
+  EXPECT_NEAR(static_cast<double>(video_.now_us - start_us), 1e6, 1e5);
+  EXPECT_THAT(ToString(*capture.last_problem()), HasSubstr("no whole frame for"));
+  video_.is_silent = false;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(video_.num_opens, 2);
+}
+
+TEST_F(CaptureTest, ASlowTriggerHasTheTimeItIsGiven) {
+  options_.watchdog_s = 30.0;
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  video_.is_silent = true;
+  for (int i = 0; i < 250; ++i) EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kNothing);
+  video_.is_silent = false;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(video_.num_opens, 1);
+}
+
+TEST_F(CaptureTest, StreamOnFailsAndRecovers) {
+  for (const int error : {EIO, ENOSPC}) {
+    video_.failing = {{VIDIOC_STREAMON, error}};
+    Capture capture = Make();
+    EXPECT_EQ(NextFrame(&capture, 5), Result::kDown);
+    EXPECT_THAT(ToString(*capture.last_problem()), HasSubstr("VIDIOC_STREAMON"));
+    EXPECT_EQ(video_.num_open, 0);
+    video_.failing.clear();
+    EXPECT_EQ(NextFrame(&capture), Result::kFrame);
+    EXPECT_EQ(capture.counters().restarts, 0);  // it had not been open before
+  }
+}
+
+TEST_F(CaptureTest, ADeviceThatChangesFormatIsNegotiatedAgain) {
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  // Rows get longer, and pixels two bytes.
+  video_.formats = {{V4L2_PIX_FMT_YUYV, 8, 6, 2, 60.0, 4}};
+  video_.has_source_change = true;
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  video_.fill = [](std::uint32_t, std::uint8_t* data, std::size_t* bytes) {
+    for (std::size_t i = 0; i < *bytes; ++i) data[i] = static_cast<std::uint8_t>(i % 20);
+  };
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(capture.format().fourcc, V4L2_PIX_FMT_YUYV);
+  EXPECT_EQ(grey_[1], 2);
+  EXPECT_EQ(grey_[8], 0);
+  // To a size that is not the rig's: no frame of it is ever handed out.
+  video_.formats = {{V4L2_PIX_FMT_GREY, 16, 12, 1, 60.0}};
+  video_.has_source_change = true;
+  EXPECT_EQ(NextFrame(&capture, 50), Result::kDown);
+  EXPECT_THAT(ToString(*capture.last_problem()), HasSubstr("GREY 16x12"));
+}
+
+TEST_F(CaptureTest, TimesAlwaysIncrease) {
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  const Utime last = frame_.utime;
+  video_.utc_minus_monotonic_us -= 2'500'000;  // the system's clock is set back
+  // The next reading of both clocks is within a second.
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  Utime newest = frame_.utime;
+  for (int i = 0; i < 60; ++i) {
+    if (capture.Next(100, grey_, &frame_) != Result::kFrame) continue;
+    EXPECT_GT(frame_.utime, newest);
+    newest = frame_.utime;
+  }
+  EXPECT_GT(newest, last);
+  EXPECT_EQ(capture.counters().clock_steps, 1);
+  EXPECT_GT(capture.counters().late, 15);
+}
+
+TEST_F(CaptureTest, ControlsChangeWhileItStreams) {
+  video_.controls = {{V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 50}}};
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  CaptureOptions changed = options_;
+  changed.exposure_us = 2000.0;
+  ASSERT_TRUE(capture.ChangeControls(changed));
+  EXPECT_EQ(video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value, 20);
+  changed.exposure_us = 90'000.0;
+  EXPECT_FALSE(capture.ChangeControls(changed));
+  // What is kept holds for the next opening too.
+  video_.is_present = false;
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value = 499;
+  video_.is_present = true;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value, 20);
+  EXPECT_EQ(frame_.mid_exposure_us, video_.now_us - 1000);
+}
+
+TEST_F(CaptureTest, MjpegThatIsNoJpegIsDamaged) {
+  video_.formats = {{V4L2_PIX_FMT_MJPEG, 8, 6, 0, 60.0}};
+  Capture capture = Make();
+  EXPECT_EQ(NextFrame(&capture, 4), Result::kNothing);
+  EXPECT_GT(capture.counters().damaged, 0);
+}
+
+}  // namespace
+}  // namespace rsfm
