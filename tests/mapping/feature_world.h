@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "rsfm/base/rigid3.h"
 #include "rsfm/base/rng.h"
 #include "rsfm/base/so3.h"
 #include "rsfm/mapping/feature.h"

@@ -1,32 +1,13 @@
-// Images from files: which there are, when they were taken, and reading them with suspicion.
+// Reading image files with suspicion.
 #pragma once
 
-#include <cstdint>
 #include <filesystem>
 #include <memory>
-#include <optional>
-#include <vector>
 
-#include "rsfm/io/tables.h"
 #include "rsfm/mapping/feature.h"
+#include "tools/feed/image_list.h"
 
 namespace rsfm {
-
-struct ImageList {
-  std::filesystem::path folder;              // where the images lie
-  std::vector<ImageTime> images;             // in the order of time
-  std::optional<std::filesystem::path> nav;  // nav.csv of a mission folder
-};
-
-// `images` is a folder of images, or a mission folder with images/ and, where they are not given,
-// images.csv and nav.csv. Times come from `times`, else from images.csv, else from the order of the
-// names (numbers in them by value) at `fps`, the first at 0. Errors: no such folder, no image in
-// it, a listed image that is not there.
-IoExpected<ImageList> ListImages(const std::filesystem::path& images,
-                                 const std::optional<std::filesystem::path>& times, double fps);
-
-// Orders "frame2" before "frame10".
-bool NaturalLess(std::string_view a, std::string_view b);
 
 // Reads one image after the other into its own memory.
 class ImageReader {

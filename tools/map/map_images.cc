@@ -1,12 +1,11 @@
 #include "tools/map/map_images.h"
 
-#include <chrono>
 #include <set>
 
 #include "rsfm/io/atomic_output.h"
-#include "rsfm/mapping/front_end.h"
+#include "tools/feed/mapper_feed.h"
+#include "tools/feed/mission_publisher.h"
 #include "tools/map/image_files.h"
-#include "tools/map/mission_publisher.h"
 
 namespace rsfm {
 namespace {
@@ -16,15 +15,6 @@ namespace fs = std::filesystem;
 // Navigation is handed over this much ahead of an image, as it is on a vehicle whose images take
 // their time to arrive: interpolation needs a sample on both sides.
 constexpr Utime kNavLeadUs = 500'000;
-
-double SecondsSince(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
-Diagnostic FromError(const Error& error, const std::string& file, const char* section) {
-  return {error.code, file, std::string(section) + error.where,
-          std::string("is refused: ") + ToString(error.code), "correct it"};
-}
 
 class Feed {
  public:
@@ -47,11 +37,8 @@ class Feed {
   std::size_t next_nav_ = 0;
   std::unique_ptr<LcmBus> bus_;
   std::unique_ptr<ImageReader> reader_;
-  std::unique_ptr<FrontEnd> front_end_;
-  std::unique_ptr<IncrementalMapper> mapper_;
+  std::optional<MapperFeed> feed_;
   MissionPublisher* publisher_ = nullptr;
-  FeedCounters counters_;
-  StepReport last_;
   MapResult result_;
   std::set<std::int32_t> placed_;  // keyframes of the present world
 };
@@ -98,22 +85,16 @@ IoStatus Feed::OpenNav() {
 IoStatus Feed::OpenMapper() {
   const std::string file =
       (request_.rig.empty() ? request_.images / kRigFile : request_.rig).string();
-  const auto camera = AnyCamera::Create(rig_.camera);
-  if (!camera) return Fail(FromError(camera.error(), file, "camera: "));
-  auto mapper = IncrementalMapper::Create(rig_.mapper, *camera, rig_.body_from_camera);
-  if (!mapper) return Fail(FromError(mapper.error(), file, "mapper."));
-  mapper_ = std::move(*mapper);
-  auto front_end = FrontEnd::Create(rig_.mapper, camera->width(), camera->height());
-  if (!front_end) return Fail(FromError(front_end.error(), file, "mapper."));
-  front_end_ = std::move(*front_end);
-  reader_ = std::make_unique<ImageReader>(camera->width(), camera->height());
+  auto feed = MapperFeed::Create(rig_, file);
+  if (!feed) return Fail(feed.error());
+  feed_.emplace(std::move(*feed));
+  reader_ = std::make_unique<ImageReader>(feed_->camera().width(), feed_->camera().height());
   return {};
 }
 
 IoStatus Feed::FeedNav(Utime until) {
   for (; next_nav_ < nav_.size() && nav_[next_nav_].utime <= until; ++next_nav_) {
-    mapper_->nav().buffer().Insert(nav_[next_nav_]);
-    ++counters_.nav_received;
+    feed_->AddNav(nav_[next_nav_]);
     if (auto s = publisher_->PublishNav(nav_[next_nav_]); !s) return s;
   }
   return {};
@@ -123,31 +104,25 @@ IoStatus Feed::MapOne(const ImageTime& image) {
   const auto view = reader_->Read(list_.folder / image.image);
   if (!view) return Fail(view.error());
   if (auto s = FeedNav(image.utime + kNavLeadUs); !s) return s;
-  ++counters_.frames_received;
-  const auto start = std::chrono::steady_clock::now();
-  const auto frame = front_end_->Process(*view, image.utime, mapper_->wants_descriptors());
-  result_.front_end_s += SecondsSince(start);
-  if (!frame) return Fail(FromError(frame.error(), (list_.folder / image.image).string(), ""));
-  const auto step_start = std::chrono::steady_clock::now();
-  const auto report = mapper_->Step(*frame);
-  result_.mapper_s += SecondsSince(step_start);
+  const std::int32_t reset_counter = feed_->last().reset_counter;
+  const auto report = feed_->Process(*view, image.utime);
   if (!report) return Fail(FromError(report.error(), (list_.folder / image.image).string(), ""));
-  if (report->reset_counter != last_.reset_counter && !report->scale_is_metric) placed_.clear();
-  if (report->state == MapperState::kTracking) {
-    ++counters_.frames_placed;
-    if (report->keyframe.valid()) placed_.insert(mapper_->map().keyframe(report->keyframe).id);
-  }
-  for (const SlotId id : report->placed_late) placed_.insert(mapper_->map().keyframe(id).id);
-  last_ = *report;
-  return publisher_->PublishStep(image.image, image.utime, *report, counters_, mapper_.get());
+  if (report->reset_counter != reset_counter && !report->scale_is_metric) placed_.clear();
+  const Map& map = feed_->mapper().map();
+  if (report->state == MapperState::kTracking && report->keyframe.valid())
+    placed_.insert(map.keyframe(report->keyframe).id);
+  for (const SlotId id : report->placed_late) placed_.insert(map.keyframe(id).id);
+  return publisher_->PublishStep(image.image, image.utime, *report, feed_->counters(),
+                                 &feed_->mapper());
 }
 
 // The world's frame is known now: the rig says it.
 IoStatus Feed::Close(AtomicFolder* folder, MissionWriter* writer, MissionPublisher* publisher) {
   const Utime end = list_.images.back().utime;
-  if (auto s = publisher->PublishEnd(end, last_, counters_, mapper_.get()); !s) return s;
-  rig_.world.frame = last_.world_is_ned ? WorldFrame::kNed : WorldFrame::kFirstCamera;
-  rig_.world.scale_is_metric = last_.scale_is_metric;
+  if (auto s = publisher->PublishEnd(end, feed_->last(), feed_->counters(), &feed_->mapper()); !s)
+    return s;
+  rig_.world.frame = feed_->last().world_is_ned ? WorldFrame::kNed : WorldFrame::kFirstCamera;
+  rig_.world.scale_is_metric = feed_->last().scale_is_metric;
   if (auto s = writer->WriteRigFile(rig_); !s) return s;
   if (auto s = writer->WriteImageTimes(list_.images); !s) return s;
   if (auto s = writer->LinkImages(list_.folder); !s) return s;
@@ -157,15 +132,19 @@ IoStatus Feed::Close(AtomicFolder* folder, MissionWriter* writer, MissionPublish
 
 MapResult Feed::Summary() const {
   MapResult result = result_;
+  const StepReport& last = feed_->last();
+  const Map& map = feed_->mapper().map();
   result.num_images = static_cast<int>(list_.images.size());
   result.num_placed = static_cast<int>(placed_.size());
-  result.num_keyframes = static_cast<int>(mapper_->map().keyframes().size());
-  result.num_landmarks = static_cast<int>(mapper_->map().landmarks().size());
-  result.num_resets = last_.reset_counter;
-  result.scale_is_metric = last_.scale_is_metric;
-  result.world_is_ned = last_.world_is_ned;
-  result.mean_error_px = last_.window_error_px;
-  result.memory_plan_bytes = mapper_->memory_plan().total() + front_end_->bytes();
+  result.num_keyframes = static_cast<int>(map.keyframes().size());
+  result.num_landmarks = static_cast<int>(map.landmarks().size());
+  result.num_resets = last.reset_counter;
+  result.scale_is_metric = last.scale_is_metric;
+  result.world_is_ned = last.world_is_ned;
+  result.mean_error_px = last.window_error_px;
+  result.front_end_s = feed_->front_end_s();
+  result.mapper_s = feed_->mapper_s();
+  result.memory_plan_bytes = feed_->memory_plan_bytes();
   return result;
 }
 
@@ -174,7 +153,8 @@ IoExpected<MapResult> Feed::Run(const MapHooks& hooks) {
   if (!folder) return Fail(folder.error());
   auto writer = MissionWriter::Create(folder->aside(), rig_);
   if (!writer) return Fail(writer.error());
-  MissionPublisher publisher(rig_, &*writer, bus_.get());
+  DirectSink sink(bus_.get(), &*writer);
+  MissionPublisher publisher(rig_, &sink);
   publisher_ = &publisher;
   int done = 0;
   for (const ImageTime& image : list_.images) {
@@ -185,9 +165,9 @@ IoExpected<MapResult> Feed::Run(const MapHooks& hooks) {
     if (auto s = MapOne(image); !s) return Fail(s.error());
     if (hooks.progress) {
       hooks.progress(++done, static_cast<int>(list_.images.size()),
-                     std::string(ToString(last_.state)) + ", " + std::to_string(last_.num_inliers) +
-                         " inliers, " + std::to_string(mapper_->map().landmarks().size()) +
-                         " landmarks");
+                     std::string(ToString(feed_->last().state)) + ", " +
+                         std::to_string(feed_->last().num_inliers) + " inliers, " +
+                         std::to_string(feed_->mapper().map().landmarks().size()) + " landmarks");
     }
   }
   if (auto s = Close(&*folder, &*writer, &publisher); !s) return Fail(s.error());

@@ -1,4 +1,4 @@
-#include "tools/map/mission_publisher.h"
+#include "tools/feed/mission_publisher.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
-std::string FrameId(bool world_is_ned) { return world_is_ned ? "ned" : "first_camera"; }
+const char* FrameName(bool world_is_ned) { return world_is_ned ? "ned" : "first_camera"; }
 
 void CopyQuat(const Quat& q, double* wxyz) {
   wxyz[0] = q.w();
@@ -20,18 +20,51 @@ void CopyQuat(const Quat& q, double* wxyz) {
 
 }  // namespace
 
+IoStatus DirectSink::Take(Audience audience, const std::string& channel, Utime utime,
+                          std::span<const std::uint8_t> data) {
+  if (bus_ != nullptr && audience == Audience::kBusAndLog) bus_->PublishRaw(channel, data);
+  return writer_ != nullptr ? writer_->LogRaw(channel, utime, data) : IoStatus();
+}
+
+MissionPublisher::MissionPublisher(const Rig& rig, MessageSink* sink,
+                                   const PublisherOptions& options)
+    : rig_(rig), sink_(sink), options_(options) {
+  const auto features = static_cast<std::size_t>(rig.mapper.max_features);
+  const auto landmarks = static_cast<std::size_t>(rig.mapper.max_landmarks);
+  const auto keyframes = static_cast<std::size_t>(rig.mapper.max_keyframes);
+  const std::size_t descriptors =
+      features * static_cast<std::size_t>(DescriptorBytes(rig.mapper.descriptor));
+  for (std::vector<float>* values : {&keyframe_.x_px, &keyframe_.y_px, &keyframe_.size_px})
+    values->reserve(features);
+  keyframe_.landmark_id.reserve(features);
+  keyframe_.descriptors.reserve(descriptors);
+  landmarks_.id.reserve(landmarks);
+  for (std::vector<double>* values : {&landmarks_.x, &landmarks_.y, &landmarks_.z})
+    values->reserve(landmarks);
+  for (std::vector<std::uint8_t>* values : {&landmarks_.r, &landmarks_.g, &landmarks_.b})
+    values->reserve(landmarks);
+  constexpr std::size_t kHead = 1024;  // all that is not in arrays
+  encoded_.reserve(kHead + std::max(16 * features + descriptors, 31 * landmarks));
+  keyframe_.image.reserve(kMaxImageName);
+  image_of_keyframe_.resize(keyframes);
+  for (std::string& name : image_of_keyframe_) name.reserve(kMaxImageName);
+}
+
 template <class Message>
-IoStatus MissionPublisher::Publish(const std::string& channel, Utime utime,
-                                   const Message& message) {
-  if (bus_ != nullptr) bus_->Publish(channel, message);  // a failure is counted by the bus
-  return writer_->Log(channel, utime, message);
+IoStatus MissionPublisher::Publish(const std::string& channel, Utime utime, const Message& message,
+                                   Audience audience) {
+  if (!Encode(message, &encoded_)) {
+    return Fail({Errc::kInvalidArgument, "", channel,
+                 "the message's arrays do not have the length it states", ""});
+  }
+  return sink_->Take(audience, channel, utime, encoded_);
 }
 
 IoStatus MissionPublisher::PublishNav(const NavSample& sample) {
   // Consumed, not published: it goes to the log alone.
   for (const BusInput& input : rig_.bus.inputs) {
     if (input.type == InputType::kNav)
-      return writer_->Log(input.channel, sample.utime, ToMessage(sample));
+      return Publish(input.channel, sample.utime, ToMessage(sample), Audience::kLog);
   }
   return {};
 }
@@ -50,9 +83,9 @@ IoStatus MissionPublisher::PublishWater(Utime utime, const WaterInUse& water) {
 }
 
 IoStatus MissionPublisher::PublishPose(Utime utime, const StepReport& report) {
-  pose_t pose{};
+  pose_t& pose = pose_;
   pose.utime = utime;
-  pose.frame_id = FrameId(report.world_is_ned);
+  pose.frame_id = FrameName(report.world_is_ned);
   pose.child_frame_id = "body";
   for (double& v : pose.velocity_body_mps) v = kNaN;
   pose.state = static_cast<std::int32_t>(report.state);
@@ -71,6 +104,7 @@ IoStatus MissionPublisher::PublishPose(Utime utime, const StepReport& report) {
   } else {
     std::fill_n(pose.position_m, 3, kNaN);
     std::fill_n(pose.frame_from_body_q, 4, kNaN);
+    std::fill_n(pose.covariance, 36, 0.0);
     pose.covariance[0] = -1.0;
   }
   return Publish(rig_.bus.pose_channel, utime, pose);
@@ -79,17 +113,26 @@ IoStatus MissionPublisher::PublishPose(Utime utime, const StepReport& report) {
 IoStatus MissionPublisher::PublishKeyframe(const Map& map, SlotId id, bool with_descriptors,
                                            MapperState state, Utime utime) {
   const Keyframe& keyframe = map.keyframe(id);
-  keyframe_t message{};
+  keyframe_t& message = keyframe_;
   message.utime = keyframe.utime;
   message.id = keyframe.id;
-  message.image = image_of_keyframe_[keyframe.id];
+  message.image.assign(image_of_keyframe_[id.index]);
   message.state = static_cast<std::int32_t>(keyframe.is_placed ? MapperState::kTracking : state);
   message.reset_counter = keyframe.reset_counter;
+  std::fill_n(message.camera_from_world_q, 4, 0.0);  // no rotation
+  std::fill_n(message.camera_from_world_t, 3, 0.0);
   if (keyframe.is_placed) {
     CopyQuat(keyframe.camera_from_world.rotation, message.camera_from_world_q);
     Vec3::Map(message.camera_from_world_t) = keyframe.camera_from_world.translation;
-  }  // else zeros: no rotation
+  }
   message.num_features = keyframe.num_features;
+  message.x_px.clear();
+  message.y_px.clear();
+  message.size_px.clear();
+  message.landmark_id.clear();
+  message.descriptors.clear();
+  message.descriptor_type = keyframe_t::DESCRIPTOR_NONE;
+  message.descriptor_bytes = message.num_descriptor_bytes = 0;
   const auto features = map.features(id);
   const auto landmarks = map.landmarks_of(id);
   for (std::size_t i = 0; i < features.size(); ++i) {
@@ -113,8 +156,11 @@ IoStatus MissionPublisher::PublishKeyframe(const Map& map, SlotId id, bool with_
 }
 
 IoStatus MissionPublisher::PublishLandmarks(Utime utime, Map* map) {
-  landmarks_t message{};
+  landmarks_t& message = landmarks_;
   message.utime = utime;
+  message.id.clear();
+  for (std::vector<double>* values : {&message.x, &message.y, &message.z}) values->clear();
+  for (std::vector<std::uint8_t>* values : {&message.r, &message.g, &message.b}) values->clear();
   map->landmarks().ForEach([&](SlotId, Landmark& landmark) {
     if (!landmark.is_changed) return;
     landmark.is_changed = false;
@@ -131,14 +177,15 @@ IoStatus MissionPublisher::PublishLandmarks(Utime utime, Map* map) {
   return Publish(rig_.bus.landmarks_channel, utime, message);
 }
 
-IoStatus MissionPublisher::PublishStatus(Utime utime, const StepReport& report,
-                                         const FeedCounters& counters,
-                                         const IncrementalMapper& mapper) {
-  status_t status{};
+void MissionPublisher::FillStatus(Utime utime, const StepReport& report,
+                                  const FeedCounters& counters, const IncrementalMapper& mapper,
+                                  status_t* filled) const {
+  status_t& status = *filled;
+  status = {};
   status.utime = utime;
   status.state = static_cast<std::int32_t>(report.state);
   status.reset_counter = report.reset_counter;
-  status.frame_id = FrameId(report.world_is_ned);
+  status.frame_id = FrameName(report.world_is_ned);
   status.origin_is_known = rig_.world.origin.has_value();
   if (rig_.world.origin) {
     status.origin_latitude_deg = rig_.world.origin->latitude_deg;
@@ -158,6 +205,14 @@ IoStatus MissionPublisher::PublishStatus(Utime utime, const StepReport& report,
   status.keyframe_capacity = static_cast<std::int32_t>(mapper.map().keyframe_capacity());
   status.landmark_capacity = static_cast<std::int32_t>(mapper.map().landmarks().capacity());
   status.disk_free_bytes = -1;  // and no clock times: the same input gives the same bytes
+}
+
+IoStatus MissionPublisher::PublishStatus(Utime utime, const StepReport& report,
+                                         const FeedCounters& counters,
+                                         const IncrementalMapper& mapper) {
+  if (!options_.publish_status) return {};
+  status_t status{};
+  FillStatus(utime, report, counters, mapper, &status);
   last_status_utime_ = utime;
   has_status_ = true;
   return Publish(rig_.bus.status_channel, utime, status);
@@ -169,7 +224,7 @@ IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
   if (auto s = PublishWater(utime, mapper->water()); !s) return s;
   if (auto s = PublishPose(utime, report); !s) return s;
   if (report.keyframe.valid()) {
-    image_of_keyframe_[mapper->map().keyframe(report.keyframe).id] = image;
+    image_of_keyframe_[report.keyframe.index].assign(image);
     if (auto s = PublishLandmarks(utime, &mapper->map()); !s) return s;
     if (auto s = PublishKeyframe(mapper->map(), report.keyframe, true, report.state, utime); !s)
       return s;

@@ -1,0 +1,329 @@
+// rsfm_onboard as it runs on the vehicle, with a simulated mission in the camera's place.
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <time.h>
+
+#include <cmath>
+#include <fstream>
+
+#include "rsfm/base/rng.h"
+#include "rsfm/io/atomic_output.h"
+#include "rsfm/io/mission.h"
+#include "rsfm_drivers/jpeg/jpeg.h"
+#include "tests/support/run_program.h"
+#include "tests/support/temporary_folder.h"
+#include "tools/map/map_images.h"
+#include "tools/onboard/daemon.h"
+
+extern char** environ;
+
+namespace rsfm {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+
+constexpr int kWidth = 400, kHeight = 300;
+const char kScenario[] = R"(
+seed: 11
+rig:
+  camera: {model: PINHOLE, width: 400, height: 300, params: [320, 320, 200, 150]}
+  port: {type: flat, normal: [0, 0, 1], distance_m: 0.03, thickness_m: 0.02, index_air: 1.0, index_glass: 1.52, index_water: 1.336}
+  body_from_camera:
+    rotation_wxyz: [0.7071067811865476, 0, 0, 0.7071067811865476]
+    translation_m: [0.40, 0.05, 0.15]
+images: {rate_hz: 1.0, format: jpg, jpeg_quality: 95}
+trajectory: {legs: 1, leg_length_m: 4.0, leg_spacing_m: 0.85, altitude_m: 1.6, speed_mps: 0.25, turns: strafe}
+seafloor: {depth_m: 20.0}
+)";
+
+class DaemonTest : public ::testing::Test {
+ protected:
+  // Rendered once, and made grey PGM: what every reader reads to the same bytes.
+  static void SetUpTestSuite() {
+    shared_ = new TemporaryFolder;
+    std::ofstream(shared_->path() / "scenario.yaml") << kScenario;
+    const auto result = RunProgram(std::string(RSFM_TOOL) + " simulate " +
+                                   (shared_->path() / "scenario.yaml").string() +
+                                   " --images 12 --out " + (shared_->path() / "made").string());
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    const fs::path made = shared_->path() / "made";
+    fs::create_directories(Images() / "images");
+    fs::copy(made / "nav.csv", Images() / "nav.csv");
+    fs::copy(made / "rig.yaml", Images() / "rig.yaml");
+    auto times = ReadImageTimes(made / "images.csv");
+    ASSERT_TRUE(times);
+    auto decoder = JpegDecoder::Create();
+    for (ImageTime& image : *times) {
+      const auto bytes = ReadWholeFile(made / "images" / image.image);
+      ASSERT_TRUE(bytes);
+      std::vector<std::uint8_t> grey(kWidth * kHeight);
+      ASSERT_TRUE(decoder->Decode(
+          std::span(reinterpret_cast<const std::uint8_t*>(bytes->data()), bytes->size()), kWidth,
+          kHeight, grey.data()));
+      image.image = fs::path(image.image).stem().string() + ".pgm";
+      std::ofstream file(Images() / "images" / image.image, std::ios::binary);
+      file << "P5\n400 300\n255\n";
+      file.write(reinterpret_cast<const char*>(grey.data()),
+                 static_cast<std::streamsize>(grey.size()));
+    }
+    ASSERT_TRUE(WriteImageTimes(*times, Images() / "images.csv"));
+  }
+  static void TearDownTestSuite() {
+    delete shared_;
+    shared_ = nullptr;
+  }
+
+  static fs::path Images() { return shared_->path() / "grey"; }
+  fs::path Out() const { return folder_.path() / "mission"; }
+  std::string Command(const std::string& more) const {
+    return std::string(RSFM_ONBOARD) + " " + (Images() / "rig.yaml").string() +
+           " --lcm-url memq:// --replay " + Images().string() + " " + more;
+  }
+
+  static inline TemporaryFolder* shared_ = nullptr;
+  TemporaryFolder folder_;
+};
+
+// One mapper, two feeds: the daemon and `rsfm_tool map` say the same, bit for bit.
+TEST_F(DaemonTest, AReplayIsWhatTheDeskMaps) {
+  const auto result = RunProgram(Command("--rate 0 --out " + Out().string()));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_THAT(result.err, HasSubstr("12 images"));
+  MapRequest request;
+  request.images = Images();
+  request.rig = Images() / "rig.yaml";
+  request.out = folder_.path() / "desk";
+  const auto mapped = MapImages(request);
+  ASSERT_TRUE(mapped) << ToString(mapped.error());
+  const auto flown = ReadMission(Out()), desk = ReadMission(request.out);
+  ASSERT_TRUE(flown) << ToString(flown.error());
+  ASSERT_TRUE(desk) << ToString(desk.error());
+  ASSERT_EQ(flown->poses.size(), 12u);
+  ASSERT_EQ(desk->poses.size(), 12u);
+  int num_tracking = 0;
+  for (std::size_t i = 0; i < flown->poses.size(); ++i) {
+    std::vector<std::uint8_t> a, b;
+    ASSERT_TRUE(Encode(flown->poses[i], &a) && Encode(desk->poses[i], &b));
+    EXPECT_EQ(a, b) << i;
+    num_tracking += flown->poses[i].state == pose_t::STATE_TRACKING ? 1 : 0;
+  }
+  EXPECT_GT(num_tracking, 8);
+  ASSERT_EQ(flown->keyframes.size(), desk->keyframes.size());
+  for (std::size_t i = 0; i < flown->keyframes.size(); ++i) {
+    std::vector<std::uint8_t> a, b;
+    ASSERT_TRUE(Encode(flown->keyframes[i], &a) && Encode(desk->keyframes[i], &b));
+    EXPECT_EQ(a, b) << i;
+  }
+  EXPECT_EQ(flown->nav.size(), desk->nav.size());
+  EXPECT_EQ(flown->landmarks.size(), desk->landmarks.size());
+  EXPECT_EQ(flown->rig.world.frame, desk->rig.world.frame);
+  EXPECT_EQ(flown->images.size(), 12u);
+  ASSERT_FALSE(flown->statuses.empty());
+  const status_t& last = flown->statuses.back();
+  EXPECT_EQ(last.frames_received, 12);
+  EXPECT_EQ(last.frames_dropped, 0);
+  EXPECT_EQ(last.messages_overrun, 0);
+  EXPECT_EQ(last.log_errors, 0);
+  EXPECT_EQ(last.message, "");
+  EXPECT_GT(last.latency_p50_ms, 0.0);
+  EXPECT_GT(last.memory_bytes, 0);
+  // The desk refines what the vehicle brought home.
+  const auto refined = RunProgram(std::string(RSFM_TOOL) + " refine " + Out().string() + " --out " +
+                                  (folder_.path() / "model").string());
+  EXPECT_EQ(refined.exit_code, 0) << refined.err;
+}
+
+TEST_F(DaemonTest, DamagedImagesAreCountedAndTheRestIsMapped) {
+  const fs::path copy = folder_.path() / "copy";
+  fs::copy(Images(), copy, fs::copy_options::recursive);
+  const auto times = ReadImageTimes(copy / "images.csv");
+  fs::resize_file(copy / "images" / (*times)[3].image, 1000);
+  std::ofstream(copy / "images" / (*times)[7].image) << "not an image";
+  const auto result = RunProgram(std::string(RSFM_ONBOARD) + " " + (copy / "rig.yaml").string() +
+                                 " --lcm-url memq:// --rate 0 --replay " + copy.string() +
+                                 " --out " + Out().string());
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const auto mission = ReadMission(Out());
+  ASSERT_TRUE(mission) << ToString(mission.error());
+  EXPECT_EQ(mission->poses.size(), 10u);
+  EXPECT_EQ(mission->statuses.back().frames_damaged, 2);
+  EXPECT_EQ(mission->statuses.back().frames_dropped, 2);
+}
+
+// Files may not grow beyond 100 kB: to the program a full disk. The log stops; the mapping does
+// not.
+TEST_F(DaemonTest, AFullDiskCostsTheLogAndNotThePoses) {
+  const auto result = RunProgram("ulimit -f 100; " + Command("--rate 0 --out " + Out().string()));
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_THAT(result.err, HasSubstr("12 images"));
+  EXPECT_THAT(result.err, HasSubstr("events are missing"));
+  EXPECT_EQ(result.err.find(" 0 placed"), std::string::npos) << result.err;
+  const auto mission = ReadMission(Out());
+  ASSERT_TRUE(mission) << ToString(mission.error());
+  EXPECT_EQ(mission->log.num_damaged, 0);
+}
+
+TEST_F(DaemonTest, AMissionFolderThatIsThereIsNotTouched) {
+  fs::create_directories(Out());
+  const auto result = RunProgram(Command("--rate 0 --out " + Out().string()));
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_THAT(result.err, HasSubstr("exists"));
+  EXPECT_TRUE(fs::is_empty(Out()));
+}
+
+TEST_F(DaemonTest, WrongRequestsSayWhatIsWrong) {
+  const std::string program = RSFM_ONBOARD;
+  const std::string rig = (Images() / "rig.yaml").string();
+  const std::pair<std::string, std::string> cases[] = {
+      {program, "RIG.yaml: is missing"},
+      {program + " /no/such/rig.yaml", "/no/such/rig.yaml"},
+      {program + " " + rig + " --speed 3", "--speed"},
+      {program + " " + rig + " --rate 1", "--replay only"},
+      {program + " " + rig + " --replay " + Images().string() + " --rate fast", "--rate"},
+      {program + " " + rig + " --replay /no/such/folder", "is not a folder"},
+      {program + " " + rig + " --replay", "lacks its value"},
+      {program + " " + rig + " --lcm-url nothing:// --no-mission", "nothing://"},
+      {program + " " + rig + " --no-mission --out /tmp/x", "contradicts"}};
+  for (const auto& [command, message] : cases) {
+    const auto result = RunProgram(command);
+    EXPECT_EQ(result.exit_code, 2) << command;
+    EXPECT_THAT(result.err, HasSubstr(message)) << command;
+  }
+  EXPECT_EQ(RunProgram(program + " --help").exit_code, 0);
+  EXPECT_EQ(RunProgram(program + " --version").exit_code, 0);
+}
+
+class Process {
+ public:
+  explicit Process(std::vector<std::string> arguments) {
+    std::vector<char*> pointers;
+    for (std::string& argument : arguments) pointers.push_back(argument.data());
+    pointers.push_back(nullptr);
+    posix_spawn_file_actions_t actions;
+    ::posix_spawn_file_actions_init(&actions);
+    ::posix_spawn_file_actions_addopen(&actions, 2, "/dev/null", O_WRONLY, 0);
+    EXPECT_EQ(::posix_spawn(&pid_, pointers[0], &actions, nullptr, pointers.data(), environ), 0);
+    ::posix_spawn_file_actions_destroy(&actions);
+  }
+  ~Process() {
+    if (!has_ended_) {
+      ::kill(pid_, SIGKILL);
+      Wait();
+    }
+  }
+  bool HasEnded() {
+    if (!has_ended_) has_ended_ = ::waitpid(pid_, &status_, WNOHANG) == pid_;
+    return has_ended_;
+  }
+  int Wait() {
+    if (!has_ended_) ::waitpid(pid_, &status_, 0);
+    has_ended_ = true;
+    return status_;
+  }
+  void Kill(int signal) { ::kill(pid_, signal); }
+
+ private:
+  pid_t pid_ = -1;
+  int status_ = 0;
+  bool has_ended_ = false;
+};
+
+std::uintmax_t SizeOf(const fs::path& path) {
+  std::error_code error;
+  const std::uintmax_t size = fs::file_size(path, error);
+  return error ? 0 : size;
+}
+
+void WaitAMillisecond() {
+  const timespec duration = {0, 1'000'000};
+  ::nanosleep(&duration, nullptr);
+}
+
+// Killed when the log has grown to a random size: what was in the file is in the mission.
+TEST_F(DaemonTest, AKilledMissionOpens) {
+  const char* runs_text = std::getenv("RSFM_KILLS");
+  const int runs = runs_text != nullptr ? std::atoi(runs_text) : 6;
+  Rng rng(17);
+  for (int i = 0; i < runs; ++i) {
+    const fs::path out = folder_.path() / ("killed" + std::to_string(i));
+    const auto enough = static_cast<std::uintmax_t>(rng.Uniform(1000.0, 1'500'000.0));
+    Process process({RSFM_ONBOARD, (Images() / "rig.yaml").string(), "--lcm-url", "memq://",
+                     "--replay", Images().string(), "--rate", "4", "--out", out.string()});
+    std::uintmax_t size = 0;
+    while (size < enough && !process.HasEnded()) {
+      WaitAMillisecond();
+      size = SizeOf(out / "events.lcm");
+    }
+    process.Kill(SIGKILL);
+    process.Wait();
+    const auto mission = ReadMission(out);
+    ASSERT_TRUE(mission) << ToString(mission.error());
+    EXPECT_EQ(mission->log.num_damaged, 0);
+    std::int64_t bytes = mission->log.cut_bytes;
+    for (const auto& [name, channel] : mission->log.channels) {
+      bytes += channel.num_bytes +
+               channel.num_events * static_cast<std::int64_t>(kEventHeaderBytes + name.size());
+    }
+    EXPECT_GE(bytes, static_cast<std::int64_t>(size));
+    EXPECT_EQ(mission->images.size(), 12u);
+  }
+}
+
+TEST_F(DaemonTest, SigtermClosesTheMission) {
+  Process process({RSFM_ONBOARD, (Images() / "rig.yaml").string(), "--lcm-url", "memq://",
+                   "--replay", Images().string(), "--rate", "1", "--out", Out().string()});
+  while (SizeOf(Out() / "events.lcm") == 0 && !process.HasEnded()) WaitAMillisecond();
+  process.Kill(SIGHUP);  // the rig file is as it was: nothing changes
+  process.Kill(SIGTERM);
+  const int status = process.Wait();
+  EXPECT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+  const auto mission = ReadMission(Out());
+  ASSERT_TRUE(mission) << ToString(mission.error());
+  EXPECT_EQ(mission->log.cut_bytes, 0);
+  EXPECT_LT(mission->poses.size(), 12u);
+  ASSERT_FALSE(mission->statuses.empty());
+}
+
+// A camera that is not there: the daemon goes on, and says so each second.
+TEST_F(DaemonTest, WithoutACameraItWaitsAndSaysSo) {
+  const fs::path rig = folder_.path() / "rig.yaml";
+  fs::copy(Images() / "rig.yaml", rig);
+  std::ofstream(rig, std::ios::app) << "capture:\n  device: /dev/video-that-is-not\n";
+  DaemonOptions options;
+  options.rig_file = rig;
+  options.mission = Out();
+  options.lcm_url = "memq://";
+  auto daemon = Daemon::Create(options);
+  ASSERT_TRUE(daemon) << ToString(daemon.error());
+  int calls = 0;
+  const auto status = (*daemon)->Run(
+      [&](int) {
+        WaitAMillisecond();
+        if (++calls == 5) {  // SIGHUP with a file that has become wrong
+          std::ofstream(rig, std::ios::app) << "nonsense: 1\n";
+          return Daemon::Command::kReload;
+        }
+        const bool is_known =
+            (*daemon)->MakeStatus(MonotonicUs()).message.find("video-that-is-not") !=
+            std::string::npos;
+        return is_known && calls > 5 ? Daemon::Command::kStop : Daemon::Command::kNone;
+      },
+      Notifier());
+  EXPECT_TRUE(status);
+  const auto mission = ReadMission(Out());
+  ASSERT_TRUE(mission) << ToString(mission.error());
+  ASSERT_FALSE(mission->statuses.empty());
+  EXPECT_EQ(mission->statuses.back().frames_received, 0);
+  EXPECT_THAT(mission->statuses.back().message, HasSubstr("cannot open the camera"));
+  EXPECT_THAT(mission->statuses.back().message, HasSubstr("nonsense"));
+  EXPECT_EQ(mission->images.size(), 0u);
+}
+
+}  // namespace
+}  // namespace rsfm

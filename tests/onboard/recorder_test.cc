@@ -1,0 +1,159 @@
+// Images to the disk: names, table, quota, a disk that is full or refuses.
+#include "tools/onboard/recorder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cerrno>
+#include <fstream>
+
+#include "rsfm/io/tables.h"
+#include "tests/support/temporary_folder.h"
+
+namespace rsfm {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr int kWidth = 64, kHeight = 48;
+
+class RecorderTest : public ::testing::Test {
+ protected:
+  RecorderTest() {
+    disk_ = RealDisk();
+    disk_.free_bytes = [this](const std::filesystem::path&) { return free_bytes_; };
+    frame_.grey.assign(kWidth * kHeight, 90);
+  }
+  std::unique_ptr<Recorder> Make() {
+    auto recorder = Recorder::Create(folder_.path(), options_, kWidth, kHeight, disk_);
+    EXPECT_TRUE(recorder) << ToString(recorder.error());
+    return std::move(*recorder);
+  }
+  // Image `number`, 33 ms after the one before.
+  bool Record(Recorder* recorder, std::int64_t number) {
+    Recorder::Name(number, &frame_.image);
+    frame_.utime = 1'000'000 + 33'000 * number;
+    now_us_ += 33'000;
+    return recorder->Record(frame_, now_us_);
+  }
+  std::vector<ImageTime> Table() {
+    const auto images = ReadImageTimes(folder_.path() / "images.csv");
+    EXPECT_TRUE(images) << ToString(images.error());
+    return images.value_or(std::vector<ImageTime>());
+  }
+
+  TemporaryFolder folder_;
+  OnboardOptions options_;
+  RecorderDisk disk_;
+  std::int64_t free_bytes_ = std::int64_t{1} << 40;
+  std::int64_t now_us_ = 0;
+  Frame frame_;
+};
+
+TEST_F(RecorderTest, NamesAreSegmentsOfAThousand) {
+  std::string name;
+  Recorder::Name(7, &name);
+  EXPECT_EQ(name, "0000/000007.jpg");
+  Recorder::Name(12'345, &name);
+  EXPECT_EQ(name, "0012/012345.jpg");
+}
+
+TEST_F(RecorderTest, ImagesAndTableAgree) {
+  auto recorder = Make();
+  for (const std::int64_t number : {0, 1, 999, 1000, 2001})
+    EXPECT_TRUE(Record(recorder.get(), number));
+  recorder->Flush();
+  const auto table = Table();
+  ASSERT_EQ(table.size(), 5u);
+  auto decoder = JpegDecoder::Create();
+  for (const ImageTime& image : table) {
+    std::ifstream file(folder_.path() / "images" / image.image, std::ios::binary);
+    const std::vector<char> bytes((std::istreambuf_iterator<char>(file)), {});
+    std::vector<std::uint8_t> grey(kWidth * kHeight);
+    ASSERT_TRUE(decoder->Decode(
+        std::span(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()), kWidth,
+        kHeight, grey.data()))
+        << image.image;
+    EXPECT_NEAR(grey[100], 90, 2);
+  }
+  EXPECT_EQ(table[3].image, "0001/001000.jpg");
+  EXPECT_EQ(table[3].utime, 1'000'000 + 33'000'000);
+  EXPECT_EQ(recorder->num_recorded(), 5);
+  EXPECT_EQ(recorder->num_failed(), 0);
+}
+
+TEST_F(RecorderTest, TheTableGrowsEveryHalfSecond) {
+  auto recorder = Make();
+  recorder->FlushIfDue(now_us_);
+  EXPECT_EQ(Table().size(), 0u);
+  for (std::int64_t number = 0; number < 40; ++number) {
+    Record(recorder.get(), number);
+    recorder->FlushIfDue(now_us_);
+    const auto listed = static_cast<std::int64_t>(Table().size());
+    EXPECT_LE(number + 1 - listed, 16) << number;  // 16 x 33 ms
+  }
+}
+
+TEST_F(RecorderTest, TheQuotaEndsRecordingAndSaysSo) {
+  options_.image_quota_mb = 1;
+  disk_.write = [](const std::filesystem::path&, std::span<const std::uint8_t>) { return 0; };
+  auto recorder = Make();
+  std::int64_t number = 0;
+  while (Record(recorder.get(), number)) {
+    ASSERT_LT(++number, 10'000);
+  }
+  EXPECT_GE(recorder->bytes(), 1'000'000);
+  EXPECT_LT(recorder->bytes(), 1'010'000);
+  EXPECT_THAT(recorder->problem(), HasSubstr("quota"));
+  EXPECT_FALSE(Record(recorder.get(), number + 1));
+  EXPECT_EQ(recorder->num_failed(), 2);
+  recorder->SetLimits(2, 0);  // SIGHUP with a larger one
+  EXPECT_TRUE(Record(recorder.get(), number + 2));
+  EXPECT_EQ(recorder->problem(), nullptr);
+}
+
+TEST_F(RecorderTest, AFullDiskPausesRecordingAndRoomResumesIt) {
+  auto recorder = Make();
+  EXPECT_TRUE(Record(recorder.get(), 0));
+  free_bytes_ = 100'000'000;  // below min_disk_free_mb
+  now_us_ += 2'000'000;
+  EXPECT_FALSE(Record(recorder.get(), 1));
+  EXPECT_THAT(recorder->problem(), HasSubstr("too little room"));
+  free_bytes_ = std::int64_t{1} << 40;
+  EXPECT_FALSE(Record(recorder.get(), 2));  // not asked again yet
+  now_us_ += Recorder::kPauseUs;
+  EXPECT_TRUE(Record(recorder.get(), 3));
+  EXPECT_EQ(recorder->problem(), nullptr);
+  EXPECT_EQ(recorder->num_failed(), 2);
+  recorder->Flush();
+  ASSERT_EQ(Table().size(), 2u);
+  EXPECT_EQ(Table()[1].image, "0000/000003.jpg");
+}
+
+TEST_F(RecorderTest, ARefusedWriteIsNotListedAndIsTriedAgain) {
+  int error = 0;
+  const RecorderDisk real = RealDisk();
+  disk_.write = [&](const std::filesystem::path& path, std::span<const std::uint8_t> data) {
+    return error != 0 ? error : real.write(path, data);
+  };
+  auto recorder = Make();
+  for (const int refused : {EIO, ENOSPC, EROFS}) {
+    error = refused;
+    EXPECT_FALSE(Record(recorder.get(), 10 * refused));
+    EXPECT_THAT(recorder->problem(), HasSubstr("disk refuses"));
+    error = 0;
+    now_us_ += Recorder::kPauseUs;
+    EXPECT_TRUE(Record(recorder.get(), 10 * refused + 1));
+  }
+  recorder->Flush();
+  EXPECT_EQ(recorder->num_failed(), 3);
+  EXPECT_EQ(recorder->num_recorded(), 3);
+}
+
+TEST_F(RecorderTest, AFolderThatCannotBeIsAnError) {
+  std::ofstream(folder_.path() / "images") << "in the way";
+  EXPECT_FALSE(Recorder::Create(folder_.path(), options_, kWidth, kHeight, disk_));
+}
+
+}  // namespace
+}  // namespace rsfm
