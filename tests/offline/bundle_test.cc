@@ -6,9 +6,9 @@
 #include <limits>
 
 #include "tests/offline/alignment.h"
+#include "tests/support/ceres_costs.h"
 #include "tests/support/rigs.h"
 #include "tests/support/survey.h"
-#include "tools/offline/ceres_costs.h"
 
 namespace rsfm {
 namespace {
@@ -143,6 +143,57 @@ TEST_P(SelfCalibrationTest, KeepsFocalLengthAndScale) {
 
 INSTANTIATE_TEST_SUITE_P(Ports, SelfCalibrationTest,
                          testing::Values(RigKind::kFlat, RigKind::kDome));
+
+// A hundred images, the dome and the flat port of the peer's failures: refining focal length and
+// port it finds a scale of 7.7. Here navigation gives the scale.
+class HundredImagesTest : public testing::TestWithParam<RigKind> {};
+
+TEST_P(HundredImagesTest, ScaleAndFocalLengthHold) {
+  CameraConfig truth_config = PaperLens();
+  truth_config.port.type = GetParam() == RigKind::kFlat ? PortType::kFlat : PortType::kDome;
+  truth_config.port.normal = Vec3(0.1, -0.05, 1.0).normalized();
+  truth_config.port.distance_m = 0.025;
+  truth_config.port.center_m = Vec3(0.004, -0.003, 0.008);
+  truth_config.port.radius_m = 0.06;
+  truth_config.port.thickness_m = 0.01;
+  SurveyOptions options;
+  options.lines = options.images_per_line = 10;
+  options.num_points = 3000;
+  options.forward_m = 0.5;
+  options.sideways_m = 0.8;
+  const Survey truth = MakeSurvey(*AnyCamera::Create(truth_config), options);
+  Survey start = truth;
+  Disturb(&start, 0, 0.005, 0.02, 0.05, 2);
+  CameraConfig config = truth_config;
+  config.lens_params[0] *= 1.02;
+  config.lens_params[1] *= 1.02;
+  config.port.normal = Vec3::UnitZ();
+  config.port.center_m = Vec3::Zero();
+  config.port.distance_m = 0.02;
+  BundleProblem problem = ToProblem(config, start);
+  Rng rng(3);
+  for (int k = 0; k < static_cast<int>(problem.images.size()); ++k) {
+    const Vec3 noise(rng.Gaussian(0.0, 0.05), rng.Gaussian(0.0, 0.05), rng.Gaussian(0.0, 0.05));
+    problem.priors.push_back(*MakePositionPrior(
+        k, Rigid3(), truth.camera_from_world[k].OriginOfTarget() + noise, Vec3::Constant(0.05)));
+  }
+  BundleOptions bundle;
+  bundle.lens.focal = true;
+  bundle.port.normal = bundle.port.distance = bundle.port.center = true;
+  const auto report = AdjustBundle(bundle, &problem);
+  ASSERT_TRUE(report);
+  EXPECT_TRUE(report->converged);
+  EXPECT_LT(report->iterations, 25);
+  EXPECT_EQ(report->num_impossible, 0);
+  EXPECT_LT(report->final_mean_error_px, 0.64);
+  for (const int i : {0, 1})
+    EXPECT_NEAR(problem.cameras[0].lens_params[i] / truth_config.lens_params[i], 1.0, 0.005);
+  const Alignment alignment = Align(problem, truth);
+  EXPECT_NEAR(alignment.scale, 1.0, 0.01);
+  EXPECT_LT(alignment.rms_m, 0.01);
+}
+
+INSTANTIATE_TEST_SUITE_P(Ports, HundredImagesTest, testing::Values(RigKind::kFlat, RigKind::kDome));
 
 TEST(BundleGaugeTest, NavigationHoldsWhatItMeasures) {
   Rng rng(1);

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "rsfm/estimation/window_ba.h"
+#include "tests/support/ceres_bundle.h"
 #include "tests/support/rigs.h"
 #include "tests/support/survey.h"
 #include "tools/offline/bundle.h"
@@ -71,7 +72,7 @@ TEST_P(WindowBaAgainstCeresTest, SameOptimum) {
   bundle_options.max_iterations = 100;
   bundle_options.function_tolerance = 1e-14;
   bundle_options.loss = window_options.loss;
-  const auto bundle_report = AdjustBundle(bundle_options, &bundle);
+  const auto bundle_report = AdjustBundleByCeres(bundle_options, &bundle);
   ASSERT_TRUE(bundle_report);
 
   EXPECT_NEAR(window_report->initial_cost, bundle_report->initial_cost,

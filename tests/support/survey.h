@@ -50,6 +50,8 @@ inline Survey MakeSurvey(const AnyCamera& camera, const SurveyOptions& options) 
       survey.camera_from_world.push_back(Rigid3(ExpSo3(turn), place).Inverse());
     }
   }
+  std::vector<Vec3> places;
+  for (const Rigid3& pose : survey.camera_from_world) places.push_back(pose.OriginOfTarget());
   const double width = options.images_per_line * options.forward_m + options.altitude_m;
   const double height = options.lines * options.sideways_m + options.altitude_m;
   for (int p = 0; p < options.num_points; ++p) {
@@ -58,6 +60,8 @@ inline Survey MakeSurvey(const AnyCamera& camera, const SurveyOptions& options) 
                      rng.Uniform(-options.relief_m, options.relief_m));
     std::vector<SurveyObservation> seen;
     for (std::size_t k = 0; k < survey.camera_from_world.size(); ++k) {
+      // Far outside of any image: not worth tracing.
+      if ((places[k] - point).head<2>().norm() > 4.0 * options.altitude_m) continue;
       Vec2 pixel;
       if (camera.Project(survey.camera_from_world[k] * point, &pixel) != Projection::kOk ||
           !camera.IsInImage(pixel))

@@ -1,11 +1,11 @@
 #include "tools/offline/bundle.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
-#include <memory>
 
 #include "rsfm/estimation/reprojection_residual.h"
-#include "tools/offline/ceres_costs.h"
+#include "tools/offline/bundle_passes.h"
 
 namespace rsfm {
 namespace {
@@ -46,173 +46,115 @@ Status Check(const BundleProblem& problem) {
   return {};
 }
 
-class ProgressCallback : public ceres::IterationCallback {
+// Levenberg and Marquardt on poses and shared parameters, the points following.
+//   [Nielsen 1999, IMM-REP-1999-05, for the damping]
+class Minimiser {
  public:
-  explicit ProgressCallback(const BundleOptions& options) : options_(options) {}
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
-    if (!options_.progress) return ceres::SOLVER_CONTINUE;
-    const BundleProgress progress{summary.iteration, options_.max_iterations, summary.cost};
-    return options_.progress(progress) ? ceres::SOLVER_CONTINUE
-                                       : ceres::SOLVER_TERMINATE_SUCCESSFULLY;
-  }
-
- private:
-  const BundleOptions& options_;
-};
-
-// The Ceres problem and the memory behind its blocks.
-class Adjustment {
- public:
-  Adjustment(const BundleOptions& options, const BundleProblem& problem) : options_(options) {
+  Minimiser(const BundleOptions& options, const BundleProblem& problem,
+            const std::vector<PosePrior>& hold)
+      : options_(options),
+        unknowns_(options, problem.cameras),
+        passes_(options, problem, hold, unknowns_),
+        system_(passes_.pattern(), unknowns_.count()) {
+    state_.configs = problem.cameras;
+    state_.points = problem.points;
     for (const CameraConfig& config : problem.cameras)
-      cameras_.push_back(std::make_unique<CameraState>(config));
-    for (const BundleImage& image : problem.images)
-      poses_.push_back(ToBlock(image.camera_from_world));
-    points_ = problem.points;
-    ceres::Problem::Options problem_options;
-    problem_options.cost_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    problem_options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    problem_options.disable_all_safety_checks = true;
-    ceres_ = std::make_unique<ceres::Problem>(problem_options);
-    loss_.reset(MakeLoss(options.loss));
+      state_.cameras.push_back(*AnyCamera::Create(config));
+    for (const BundleImage& image : problem.images) state_.poses.push_back(image.camera_from_world);
   }
 
-  void AddObservations(const BundleProblem& problem) {
-    costs_.reserve(problem.observations.size());
-    for (const BundleObservation& o : problem.observations) {
-      const int index = problem.images[o.image].camera;
-      CameraState* camera = cameras_[index].get();
-      const bool refine =
-          options_.lens.Any() || RefinesPort(camera->config.port.type, options_.port);
-      costs_.push_back(
-          std::make_unique<ReprojectionCost>(camera, o.pixel, options_.sigma_px, refine));
-      std::vector<double*> blocks = {poses_[o.image].data(), points_[o.point].data()};
-      if (refine) blocks.insert(blocks.end(), {camera->lens.data(), camera->port.data()});
-      ceres_->AddResidualBlock(costs_.back().get(), loss_.get(), blocks);
-    }
-  }
+  const BundleState& state() const { return state_; }
 
-  void AddPriors(const std::vector<PosePrior>& priors) {
-    for (const PosePrior& prior : priors) {
-      costs_.push_back(std::make_unique<PriorCost>(prior));
-      losses_.emplace_back(MakeLoss(prior.loss));
-      std::vector<double*> blocks = {poses_[prior.a].data()};
-      if (prior.IsRelative()) blocks.push_back(poses_[prior.b].data());
-      ceres_->AddResidualBlock(costs_.back().get(), losses_.back().get(), blocks);
-    }
-  }
-
-  void SetPoseManifolds(const BundleProblem& problem) {
-    for (std::size_t i = 0; i < poses_.size(); ++i) {
-      if (!ceres_->HasParameterBlock(poses_[i].data())) continue;
-      ceres_->SetManifold(poses_[i].data(), &pose_manifold_);
-      if (problem.images[i].fixed) ceres_->SetParameterBlockConstant(poses_[i].data());
-    }
-  }
-
-  void SetCameraManifolds(const BundleProblem& problem) {
-    for (std::size_t i = 0; i < cameras_.size(); ++i) {
-      CameraState& camera = *cameras_[i];
-      const CameraConfig& start = problem.cameras[i];
-      if (!ceres_->HasParameterBlock(camera.lens.data())) continue;
-      const int size = NumLensParams(start.lens);
-      const std::vector<int> held = HeldLensParams(start.lens, options_.lens);
-      if (static_cast<int>(held.size()) == size) {
-        ceres_->SetParameterBlockConstant(camera.lens.data());
-      } else {
-        manifolds_.push_back(std::make_unique<ceres::SubsetManifold>(size, held));
-        ceres_->SetManifold(camera.lens.data(), manifolds_.back().get());
-        AddParameterPrior(camera.lens.data(), {start.lens_params.begin(), start.lens_params.end()},
-                          LensSigmas(start, options_.lens));
+  Status Run(BundleReport* report) {
+    report->initial_cost = cost_ = passes_.Evaluate(state_);
+    if (!std::isfinite(cost_)) return Fail(Errc::kNotConverged, "bundle adjustment");
+    const ReducedSums* sums = &passes_.Linearise(state_);
+    for (int i = 1; i <= options_.max_iterations; ++i) {
+      report->iterations = i;
+      const double cost_before = cost_;
+      const Outcome outcome = Step(*sums);
+      if (options_.progress && !options_.progress({i, options_.max_iterations, cost_})) {
+        report->interrupted = true;
+        break;
       }
-      if (!RefinesPort(start.port.type, options_.port)) {
-        ceres_->SetParameterBlockConstant(camera.port.data());
-        continue;
+      if (outcome == Outcome::kNothingLeft ||
+          (outcome == Outcome::kAccepted &&
+           cost_before - cost_ <= options_.function_tolerance * cost_)) {
+        report->converged = true;
+        break;
       }
-      manifolds_.push_back(std::make_unique<PortManifold>(start.port.type, options_.port));
-      ceres_->SetManifold(camera.port.data(), manifolds_.back().get());
-      const PortParams port = start.port.Params();
-      AddParameterPrior(camera.port.data(), {port.begin(), port.end()},
-                        PortSigmas(start, options_.port));
+      if (lambda_ > kMaxDamping) break;
+      // Where the curvature has misled once it is left out for good.
+      trusts_curvature_ &= !(is_near_ && outcome == Outcome::kRefused);
+      const bool is_near =
+          trusts_curvature_ && outcome == Outcome::kAccepted && cost_before - cost_ < kNear * cost_;
+      if (outcome == Outcome::kAccepted || is_near != is_near_) {
+        is_near_ = is_near;
+        passes_.TakeCurvature(is_near_ ? kCurvatureTaken : 0.0);
+        sums = &passes_.Linearise(state_);
+      }
     }
-  }
-
-  ceres::Solver::Summary Solve() {
-    ceres::Solver::Options solver;
-    ChooseSolver(&solver);
-    solver.num_threads = options_.num_threads;
-    solver.max_num_iterations = options_.max_iterations;
-    solver.function_tolerance = options_.function_tolerance;
-    solver.gradient_tolerance = 1e-12;
-    solver.parameter_tolerance = 1e-10;
-    solver.logging_type = ceres::SILENT;
-    solver.update_state_every_iteration = false;
-    if (options_.adjust_points_within) {
-      solver.initial_trust_region_radius = 1e5;  // longer steps are good ones then
-      auto points = std::make_shared<ceres::ParameterBlockOrdering>();
-      for (Vec3& point : points_)
-        if (ceres_->HasParameterBlock(point.data())) points->AddElementToGroup(point.data(), 0);
-      solver.use_inner_iterations = true;
-      solver.inner_iteration_ordering = points;
-      solver.inner_iteration_tolerance = 1e-7;
-    }
-    ProgressCallback callback(options_);
-    solver.callbacks.push_back(&callback);
-    ceres::Solver::Summary summary;
-    ceres::Solve(solver, ceres_.get(), &summary);
-    return summary;
-  }
-
-  void CopyTo(BundleProblem* problem) {
-    for (std::size_t i = 0; i < poses_.size(); ++i) {
-      Rigid3& pose = problem->images[i].camera_from_world;
-      pose = FromBlock(poses_[i].data());
-      pose.rotation.normalize();
-    }
-    problem->points = points_;
-    for (std::size_t i = 0; i < cameras_.size(); ++i) {
-      cameras_[i]->Update();
-      problem->cameras[i] = cameras_[i]->config;
-    }
+    report->final_cost = cost_;
+    return {};
   }
 
  private:
-  void AddParameterPrior(double* block, std::vector<double> start, std::vector<double> sigma) {
-    costs_.push_back(std::make_unique<ParameterPriorCost>(std::move(start), std::move(sigma)));
-    ceres_->AddResidualBlock(costs_.back().get(), nullptr, block);
+  enum class Outcome { kAccepted, kRefused, kNothingLeft };
+  static constexpr double kMaxDamping = 1e12;
+  // Steps that lower the cost by less than kNear of it are near the optimum: the loss's own
+  // curvature is then taken into account, up to kCurvatureTaken.
+  static constexpr double kNear = 0.01, kCurvatureTaken = 0.5;
+
+  Outcome Refuse() {
+    lambda_ *= growth_;
+    growth_ *= 2.0;
+    return Outcome::kRefused;
   }
 
-  // Points are eliminated first. Few images: a dense reduced system; more: a sparse one, which
-  // surveys keep sparse; very many: conjugate gradients on it.
-  void ChooseSolver(ceres::Solver::Options* solver) {
-    const std::size_t num_images = poses_.size();
-    solver->linear_solver_type = num_images <= 60     ? ceres::DENSE_SCHUR
-                                 : num_images <= 2500 ? ceres::SPARSE_SCHUR
-                                                      : ceres::ITERATIVE_SCHUR;
-    solver->preconditioner_type = ceres::SCHUR_JACOBI;
-    auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-    for (Vec3& point : points_)
-      if (ceres_->HasParameterBlock(point.data())) ordering->AddElementToGroup(point.data(), 0);
-    for (PoseBlock& pose : poses_)
-      if (ceres_->HasParameterBlock(pose.data())) ordering->AddElementToGroup(pose.data(), 1);
-    for (const auto& camera : cameras_) {
-      for (double* block : {camera->lens.data(), camera->port.data()})
-        if (ceres_->HasParameterBlock(block)) ordering->AddElementToGroup(block, 1);
+  Outcome Step(const ReducedSums& sums) {
+    Eigen::VectorXd pose_step, shared_step;
+    if (!system_.Solve(sums, lambda_, &pose_step, &shared_step)) return Refuse();
+    const double predicted = Predicted(sums, pose_step, shared_step);
+    if (!(predicted > 0.1 * options_.function_tolerance * cost_)) return Outcome::kNothingLeft;
+    BundleState moved;
+    if (!unknowns_.Plus(shared_step, state_.configs, &moved.configs)) return Refuse();
+    for (const CameraConfig& config : moved.configs)
+      moved.cameras.push_back(*AnyCamera::Create(config));
+    moved.poses = state_.poses;
+    for (std::size_t i = 0; i < moved.poses.size(); ++i) {
+      const int block = passes_.PoseBlock(static_cast<int>(i));
+      if (block < 0) continue;
+      moved.poses[i] = Perturb(state_.poses[i], pose_step.segment<6>(6 * block));
+      moved.poses[i].rotation.normalize();
     }
-    solver->linear_solver_ordering = ordering;
+    moved.points = state_.points;
+    const double cost = passes_.MovePoints(state_, pose_step, shared_step, &moved);
+    const double gain = (cost_ - cost) / predicted;
+    if (!(cost < cost_) || !(gain > 1e-4)) return Refuse();
+    lambda_ = std::max(1e-12, lambda_ * std::max(0.1, 1.0 - std::pow(2.0 * gain - 1.0, 3)));
+    growth_ = 2.0;
+    state_ = std::move(moved);
+    passes_.Accept();
+    cost_ = cost;
+    return Outcome::kAccepted;
+  }
+
+  double Predicted(const ReducedSums& sums, const Eigen::VectorXd& pose_step,
+                   const Eigen::VectorXd& shared_step) const {
+    const double damped = sums.pose_diagonal.dot(pose_step.cwiseAbs2()) +
+                          sums.shared_diagonal.dot(shared_step.cwiseAbs2());
+    return sums.points_decrease + 0.5 * (lambda_ * damped - sums.pose_gradient.dot(pose_step) -
+                                         sums.shared_gradient.dot(shared_step));
   }
 
   const BundleOptions& options_;
-  std::vector<std::unique_ptr<CameraState>> cameras_;
-  std::vector<PoseBlock> poses_;
-  std::vector<Vec3> points_;
-  std::vector<std::unique_ptr<ceres::CostFunction>> costs_;
-  std::unique_ptr<ceres::LossFunction> loss_;
-  std::vector<std::unique_ptr<ceres::LossFunction>> losses_;
-  PoseManifold pose_manifold_;
-  std::vector<std::unique_ptr<ceres::Manifold>> manifolds_;
-  std::unique_ptr<ceres::Problem> ceres_;
+  CameraUnknowns unknowns_;
+  BundlePasses passes_;
+  ReducedSystem system_;
+  BundleState state_;
+  double cost_ = 0.0;
+  double lambda_ = 1e-5, growth_ = 2.0;
+  bool is_near_ = false, trusts_curvature_ = true;
 };
 
 }  // namespace
@@ -246,6 +188,7 @@ Expected<ErrorSummary> SummariseErrors(const BundleProblem& problem) {
 }
 
 Expected<BundleReport> AdjustBundle(const BundleOptions& options, BundleProblem* problem) {
+  const auto start = std::chrono::steady_clock::now();
   if (const Status valid = Check(*problem); !valid) return tl::unexpected<Error>(valid.error());
   if (!(options.sigma_px > 0.0)) return Fail(Errc::kInvalidArgument, "sigma_px");
   if (!(options.loss.scale > 0.0)) return Fail(Errc::kInvalidArgument, "loss.scale");
@@ -256,27 +199,22 @@ Expected<BundleReport> AdjustBundle(const BundleOptions& options, BundleProblem*
 
   BundleReport report;
   report.gauge = hold.gauge;
+  report.solver = "CHOLMOD, bordered";
   report.initial_mean_error_px = SummariseErrors(*problem)->mean_px;
-  Adjustment adjustment(options, *problem);
-  adjustment.AddObservations(*problem);
-  adjustment.AddPriors(problem->priors);
-  adjustment.AddPriors(hold.priors);
-  adjustment.SetPoseManifolds(*problem);
-  adjustment.SetCameraManifolds(*problem);
-  const ceres::Solver::Summary summary = adjustment.Solve();
-  if (!summary.IsSolutionUsable()) return Fail(Errc::kNotConverged, "bundle adjustment");
-  adjustment.CopyTo(problem);
-
-  report.converged = summary.termination_type == ceres::CONVERGENCE;
-  report.interrupted = summary.termination_type == ceres::USER_SUCCESS;
-  report.iterations = static_cast<int>(summary.iterations.size()) - 1;
-  report.initial_cost = summary.initial_cost;
-  report.final_cost = summary.final_cost;
+  {
+    Minimiser minimiser(options, *problem, hold.priors);
+    if (const Status done = minimiser.Run(&report); !done)
+      return tl::unexpected<Error>(done.error());
+    const BundleState& state = minimiser.state();
+    for (std::size_t i = 0; i < state.poses.size(); ++i)
+      problem->images[i].camera_from_world = state.poses[i];
+    problem->points = state.points;
+    problem->cameras = state.configs;
+  }
   const ErrorSummary errors = *SummariseErrors(*problem);
   report.final_mean_error_px = errors.mean_px;
   report.num_impossible = errors.num_impossible;
-  report.seconds = summary.total_time_in_seconds;
-  report.solver = ceres::LinearSolverTypeToString(summary.linear_solver_type_used);
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return report;
 }
 

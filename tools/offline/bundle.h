@@ -1,6 +1,6 @@
 // Global refractive bundle adjustment at the desk: poses, points and, where asked for, the lens and
 // the port, by the true image error with analytic derivatives (reprojection_residual.h) and
-// navigation priors (pose_prior.h), solved by Ceres.
+// navigation priors (pose_prior.h), solved by a solver of our own (docs/refinement.md).
 //
 // Scale: behind a port it is visible in principle but so weakly that it drifts (distance times
 // scale is almost a gauge). So whatever navigation does not hold is held here: position, attitude
@@ -110,7 +110,7 @@ struct BundleReport {
   double final_mean_error_px = 0.0;
   int num_impossible = 0;  // observations that could not be projected at the end
   double seconds = 0.0;
-  std::string solver;  // what Ceres used for the linear systems
+  std::string solver;  // of the linear systems
   BundleGauge gauge;
 };
 

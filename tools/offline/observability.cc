@@ -8,7 +8,7 @@
 #include <unordered_map>
 
 #include "rsfm/estimation/reprojection_residual.h"
-#include "tools/offline/ceres_costs.h"
+#include "tools/offline/camera_unknowns.h"
 
 namespace rsfm {
 namespace {
@@ -76,7 +76,7 @@ class ReducedSystem {
   // Covariance of the parameters, the variance of a function of the poses with the given gradient
   // and its covariance with the parameters. False when the poses are not determined.
   bool Solve(const VectorXd& gradient, MatrixXd* covariance, double* variance,
-             VectorXd* correlation) const {
+             VectorXd* correlation) {
     std::vector<Eigen::Triplet<double>> entries;
     for (const auto& [key, block] : blocks_) {
       const int row = static_cast<int>(key >> 32), column = static_cast<int>(key & 0xFFFFFFFFu);
@@ -89,7 +89,8 @@ class ReducedSystem {
     matrix.setFromTriplets(entries.begin(), entries.end());
     const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>, Eigen::Lower> factor(matrix);
     if (factor.info() != Eigen::Success) return false;
-    const MatrixXd x = factor.solve(pose_by_parameter_);
+    poses_through_parameters_ = factor.solve(pose_by_parameter_);
+    const MatrixXd& x = poses_through_parameters_;
     const VectorXd y = factor.solve(gradient);
     const MatrixXd information = parameters_by_parameters_ - pose_by_parameter_.transpose() * x;
     const Eigen::LLT<MatrixXd> parameter_factor(information);
@@ -100,6 +101,38 @@ class ReducedSystem {
     const VectorXd shared = -*covariance * through;
     *correlation = shared.array() / (covariance->diagonal().array().sqrt() * std::sqrt(*variance));
     return covariance->allFinite() && std::isfinite(*variance) && correlation->allFinite();
+  }
+
+  // The covariance that the residuals themselves show when those of an image may go together in any
+  // way, as they do where the camera model is not the whole truth: image by image the pull on the
+  // parameters, all else following.   [Liang & Zeger 1986, Biometrika 73(1), sec. 2]
+  // After Solve, whose covariance this is given.
+  MatrixXd ClusteredCovariance(const MatrixXd& covariance) const {
+    MatrixXd pulls =
+        MatrixXd::Zero(num_parameters(), static_cast<Eigen::Index>(problem_.images.size()));
+    std::vector<Linearised> of_point;
+    for (const std::vector<int>& observations : OfPoints()) {
+      of_point.clear();
+      Mat3 information = Mat3::Zero();
+      MatrixXd by_parameter = MatrixXd::Zero(3, num_parameters());
+      for (const int index : observations) {
+        Linearised o;
+        if (!Linearise(index, &o)) continue;
+        if (o.block >= 0)
+          o.d_parameters -= o.d_pose * poses_through_parameters_.middleRows<6>(6 * o.block);
+        information += o.weight * o.d_point.transpose() * o.d_point;
+        by_parameter += o.weight * o.d_point.transpose() * o.d_parameters;
+        of_point.push_back(std::move(o));
+      }
+      const Eigen::LLT<Mat3> factor(information);
+      if (factor.info() != Eigen::Success) continue;
+      const MatrixXd follows = factor.solve(by_parameter);
+      for (const Linearised& o : of_point)
+        pulls.col(o.image) +=
+            o.weight * (o.d_parameters - o.d_point * follows).transpose() * o.error;
+    }
+    const MatrixXd moved = covariance * pulls;
+    return moved * moved.transpose();
   }
 
   // d log(distance of the pair) / d (poses).
@@ -140,12 +173,9 @@ class ReducedSystem {
     int num_port = 0;
     MatrixXd plus;
     if (RefinesPort(now.port.type, options_.port)) {
-      const PortManifold manifold(now.port.type, options_.port);
-      num_port = manifold.TangentSize();
-      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> j(kNumPortParams,
-                                                                               num_port);
-      manifold.PlusJacobian(now.port.Params().data(), j.data());
-      plus = j;
+      const CameraUnknowns unknowns(options_, {now});
+      plus = unknowns.PortColumns(0, now);
+      num_port = static_cast<int>(plus.cols());
       const std::vector<double> port_sigma = PortSigmas(start, options_.port);
       const PortParams before = start.port.Params(), after = now.port.Params();
       for (int i = 0; i < num_port; ++i) {
@@ -197,44 +227,64 @@ class ReducedSystem {
     noise_px_ = std::max(1e-6, std::sqrt(sum / std::max(1.0, redundancy)));
   }
 
-  void AddImageErrors() {
-    EstimateNoise();
+  struct Linearised {
+    int image = 0, block = -1;
+    double weight = 0.0;  // of the squared error, 1 / px^2
+    Vec2 error;
+    Mat26 d_pose;
+    Mat23 d_point;
+    MatrixXd d_parameters;  // all of them
+  };
+
+  // False where the observation has no projection.
+  bool Linearise(int index, Linearised* result) const {
+    const BundleObservation& o = problem_.observations[index];
+    const BundleImage& image = problem_.images[o.image];
+    ReprojectionJacobian j;
+    if (ReprojectionError(cameras_[image.camera], image.camera_from_world, problem_.points[o.point],
+                          o.pixel, &result->error, &j) != Projection::kOk)
+      return false;
+    result->image = o.image;
+    result->block = pose_block_[o.image];
+    result->weight =
+        options_.loss.Weight(result->error.squaredNorm() / std::pow(options_.sigma_px, 2)) /
+        (noise_px_ * noise_px_);
+    result->d_pose = j.d_error_d_pose;
+    result->d_point = j.d_error_d_point;
+    const CameraColumns& columns = columns_[image.camera];
+    result->d_parameters = MatrixXd::Zero(2, num_parameters());
+    result->d_parameters.middleCols(columns.first, columns.count) =
+        j.d_error_d_lens * columns.lens_to_column + j.d_error_d_port * columns.port_to_column;
+    return true;
+  }
+
+  std::vector<std::vector<int>> OfPoints() const {
     std::vector<std::vector<int>> of_point(problem_.points.size());
     for (std::size_t i = 0; i < problem_.observations.size(); ++i)
       of_point[problem_.observations[i].point].push_back(static_cast<int>(i));
-    for (const std::vector<int>& observations : of_point) EliminatePoint(observations);
+    return of_point;
+  }
+
+  void AddImageErrors() {
+    EstimateNoise();
+    for (const std::vector<int>& observations : OfPoints()) EliminatePoint(observations);
   }
 
   void EliminatePoint(const std::vector<int>& observations) {
-    const int count = num_parameters();
     Mat3 point_information = Mat3::Zero();
-    MatrixXd point_by_parameter = MatrixXd::Zero(3, count);
+    MatrixXd point_by_parameter = MatrixXd::Zero(3, num_parameters());
     std::vector<std::pair<int, Mat63>> cross;
     for (const int index : observations) {
-      const BundleObservation& o = problem_.observations[index];
-      const BundleImage& image = problem_.images[o.image];
-      Vec2 error;
-      ReprojectionJacobian j;
-      if (ReprojectionError(cameras_[image.camera], image.camera_from_world,
-                            problem_.points[o.point], o.pixel, &error, &j) != Projection::kOk)
-        continue;
-      const double weight =
-          options_.loss.Weight(error.squaredNorm() / std::pow(options_.sigma_px, 2)) /
-          (noise_px_ * noise_px_);
-      const CameraColumns& columns = columns_[image.camera];
-      const MatrixXd d_parameters =
-          j.d_error_d_lens * columns.lens_to_column + j.d_error_d_port * columns.port_to_column;
-      point_information += weight * j.d_error_d_point.transpose() * j.d_error_d_point;
-      point_by_parameter.middleCols(columns.first, columns.count) +=
-          weight * j.d_error_d_point.transpose() * d_parameters;
-      parameters_by_parameters_.block(columns.first, columns.first, columns.count, columns.count) +=
-          weight * d_parameters.transpose() * d_parameters;
-      const int block = pose_block_[o.image];
-      if (block < 0) continue;
-      AddBlock(block, block, weight * j.d_error_d_pose.transpose() * j.d_error_d_pose);
-      pose_by_parameter_.block(6 * block, columns.first, 6, columns.count) +=
-          weight * j.d_error_d_pose.transpose() * d_parameters;
-      cross.emplace_back(block, weight * j.d_error_d_pose.transpose() * j.d_error_d_point);
+      Linearised o;
+      if (!Linearise(index, &o)) continue;
+      point_information += o.weight * o.d_point.transpose() * o.d_point;
+      point_by_parameter += o.weight * o.d_point.transpose() * o.d_parameters;
+      parameters_by_parameters_ += o.weight * o.d_parameters.transpose() * o.d_parameters;
+      if (o.block < 0) continue;
+      AddBlock(o.block, o.block, o.weight * o.d_pose.transpose() * o.d_pose);
+      pose_by_parameter_.middleRows<6>(6 * o.block) +=
+          o.weight * o.d_pose.transpose() * o.d_parameters;
+      cross.emplace_back(o.block, o.weight * o.d_pose.transpose() * o.d_point);
     }
     const Eigen::LLT<Mat3> factor(point_information);
     if (factor.info() != Eigen::Success) return;  // a point without depth says nothing here
@@ -258,6 +308,7 @@ class ReducedSystem {
   double noise_px_ = 1.0;
   std::unordered_map<std::uint64_t, Mat6> blocks_;  // lower triangle
   MatrixXd pose_by_parameter_, parameters_by_parameters_;
+  MatrixXd poses_through_parameters_;  // inverse of the poses' information * pose_by_parameter_
 };
 
 }  // namespace
@@ -300,9 +351,10 @@ Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
   const VectorXd with_scale = correlation;
   if (!held.Solve(gradient, &covariance, &variance, &correlation))
     return Fail(Errc::kDegenerate, "poses");
+  const MatrixXd clustered = held.ClusteredCovariance(covariance);
   for (int i = 0; i < held.num_parameters(); ++i) {
     ParameterEstimate& estimate = report.parameters[i];
-    estimate.sigma = std::sqrt(covariance(i, i));
+    estimate.sigma = std::sqrt(std::max(covariance(i, i), clustered(i, i)));
     estimate.scale_correlation = with_scale[i];
     estimate.verdict = Verdict(estimate.sigma, estimate.prior_sigma);
   }

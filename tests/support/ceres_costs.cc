@@ -1,4 +1,4 @@
-#include "tools/offline/ceres_costs.h"
+#include "tests/support/ceres_costs.h"
 
 #include <algorithm>
 #include <atomic>
@@ -16,17 +16,6 @@ template <class Matrix, class Expression>
 void Write(double* memory, const Expression& value) {
   Eigen::Map<Matrix> map(memory);
   map = value;
-}
-
-// Two orthonormal directions across a unit vector.   [Duff 2017, JCGT 6(1)]
-Eigen::Matrix<double, 3, 2> TangentBasis(const Vec3& n) {
-  const double sign = std::copysign(1.0, n.z());
-  const double a = -1.0 / (sign + n.z());
-  const double b = n.x() * n.y() * a;
-  Eigen::Matrix<double, 3, 2> basis;
-  basis.col(0) << 1.0 + sign * n.x() * n.x() * a, sign * b, -sign * n.x();
-  basis.col(1) << b, sign + n.y() * n.y() * a, -n.y();
-  return basis;
 }
 
 std::optional<AnyCamera> MakeCamera(const CameraConfig& config) {
@@ -67,18 +56,6 @@ bool PoseManifold::MinusJacobian(const double*, double* jacobian) const {
   j.setZero();
   j.leftCols<6>().setIdentity();
   return true;
-}
-
-bool RefinesPort(PortType type, const RefinePort& refine) {
-  switch (type) {
-    case PortType::kFlat:
-      return refine.normal || refine.distance || refine.index_water;
-    case PortType::kDome:
-      return refine.center || refine.index_water;
-    case PortType::kNone:
-      break;
-  }
-  return false;
 }
 
 PortManifold::PortManifold(PortType type, const RefinePort& refine) {
@@ -137,18 +114,6 @@ bool PortManifold::MinusJacobian(const double* x, double* jacobian) const {
   }
   for (const int parameter : free_) j(i++, parameter) = 1.0;
   return true;
-}
-
-std::vector<int> HeldLensParams(LensModel lens, const RefineLens& refine) {
-  const int num_focal = NumFocalLengths(lens);
-  std::vector<int> held;
-  for (int i = 0; i < NumLensParams(lens); ++i) {
-    const bool refined = i < num_focal       ? refine.focal
-                         : i < num_focal + 2 ? refine.principal_point
-                                             : refine.distortion;
-    if (!refined) held.push_back(i);
-  }
-  return held;
 }
 
 CameraState::CameraState(const CameraConfig& start) : config(start) {
@@ -301,34 +266,6 @@ bool ParameterPriorCost::Evaluate(double const* const* parameters, double* resid
   for (std::size_t i = 0; i < count; ++i)
     if (sigma_[i] > 0.0) jacobians[0][i * count + i] = 1.0 / sigma_[i];
   return true;
-}
-
-std::vector<double> LensSigmas(const CameraConfig& start, const RefineLens& refine) {
-  const int num_focal = NumFocalLengths(start.lens);
-  std::vector<double> sigma(start.lens_params.size(), 0.0);
-  for (int i = 0; i < static_cast<int>(sigma.size()); ++i) {
-    if (i < num_focal) {
-      sigma[i] = refine.focal ? refine.sigma_focal * start.lens_params[i] : 0.0;
-    } else if (i < num_focal + 2) {
-      sigma[i] = refine.principal_point ? refine.sigma_principal_point * start.width : 0.0;
-    } else {
-      sigma[i] = refine.distortion ? refine.sigma_distortion : 0.0;
-    }
-  }
-  return sigma;
-}
-
-std::vector<double> PortSigmas(const CameraConfig& start, const RefinePort& refine) {
-  std::vector<double> sigma(kNumPortParams, 0.0);
-  const PortConfig& port = start.port;
-  if (port.type == PortType::kFlat) {
-    if (refine.normal) std::fill_n(sigma.begin(), 3, refine.sigma_normal_rad);
-    if (refine.distance) sigma[3] = refine.sigma_distance * port.distance_m + 1e-3;
-  } else if (port.type == PortType::kDome && refine.center) {
-    std::fill_n(sigma.begin(), 3, refine.sigma_center_m);
-  }
-  if (port.type != PortType::kNone && refine.index_water) sigma[7] = refine.sigma_index;
-  return sigma;
 }
 
 ceres::LossFunction* MakeLoss(const RobustLoss& loss) {

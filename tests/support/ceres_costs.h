@@ -17,6 +17,7 @@
 #include "rsfm/estimation/robust_loss.h"
 #include "rsfm/refraction/any_camera.h"
 #include "tools/offline/bundle.h"
+#include "tools/offline/camera_unknowns.h"
 
 namespace rsfm {
 
@@ -55,9 +56,6 @@ class PortManifold : public ceres::Manifold {
   std::vector<int> free_;  // parameters with a tangent direction of their own
   int tangent_size_ = 0;
 };
-
-// Indices of the lens parameters that stay.
-std::vector<int> HeldLensParams(LensModel lens, const RefineLens& refine);
 
 // One camera's parameters as Ceres moves them.
 struct CameraState {
@@ -115,10 +113,6 @@ class ParameterPriorCost : public ceres::CostFunction {
  private:
   std::vector<double> start_, sigma_;
 };
-// The sigmas of the refined parameters, 0 for those that are not.
-std::vector<double> LensSigmas(const CameraConfig& start, const RefineLens& refine);
-std::vector<double> PortSigmas(const CameraConfig& start, const RefinePort& refine);
-
 // nullptr for none.
 ceres::LossFunction* MakeLoss(const RobustLoss& loss);
 
