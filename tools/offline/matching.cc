@@ -2,15 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <mutex>
+#include <memory>
 #include <numeric>
-#include <optional>
 
 #include "rsfm/estimation/five_point.h"
-#include "rsfm/estimation/ransac.h"
-#include "rsfm/mapping/descriptor_matcher.h"
 #include "rsfm/refraction/best_fit.h"
-#include "tools/common/parallel.h"
+#include "tools/offline/parallel_progress.h"
 
 namespace rsfm {
 namespace {
@@ -125,23 +122,6 @@ Prepared Prepare(const SceneImage& image, int preview_features) {
   return prepared;
 }
 
-// The camera as if all it sees lay at one range.
-struct NominalCamera {
-  const AnyCamera& camera;
-  double range_m;   // from the camera, along the ray in water
-  double focal_px;  // in water
-
-  // (x / z, y / z, 1). False for a pixel without a ray and for what does not lie ahead.
-  bool Bearing(const Vec2& pixel, Vec3* bearing) const {
-    Ray3 ray;
-    if (camera.Backproject(pixel, &ray) != Projection::kOk) return false;
-    const Vec3 point = ray.At(range_m);
-    if (!(point.z() > 0.0)) return false;
-    *bearing = point / point.z();
-    return true;
-  }
-};
-
 // The median range of what the placed images see; the paper's 5 m where there are none.
 double NominalRange(const Scene& scene) {
   std::vector<double> ranges;
@@ -165,10 +145,9 @@ class PairMatcher {
       : scene_(scene),
         descriptors_(descriptors),
         options_(options),
-        camera_(camera),
         matcher_(max_features),
         matches_(max_features),
-        workspace_(static_cast<std::uint32_t>(max_features)) {}
+        verifier_(camera, options, max_features) {}
 
   std::optional<VerifiedPair> Match(const ImagePair& pair) {
     const SceneImage& a = scene_.images[pair.a];
@@ -183,69 +162,97 @@ class PairMatcher {
             options_.preview_matches)
       return std::nullopt;
     const int count = matcher_.Match(in_a.All(), in_b.All(), options_.max_ratio, matches_);
-    if (count < options_.min_inliers) return std::nullopt;
-    std::vector<Vec3> bearings_a, bearings_b;
-    int usable = 0;
-    for (int i = 0; i < count; ++i) {
-      Vec3 bearing_a, bearing_b;
-      if (!camera_.Bearing(a.features[matches_[i].query], &bearing_a) ||
-          !camera_.Bearing(b.features[matches_[i].train], &bearing_b)) {
-        continue;
-      }
-      bearings_a.push_back(bearing_a);
-      bearings_b.push_back(bearing_b);
-      matches_[usable++] = matches_[i];
-    }
-    if (usable < options_.min_inliers) return std::nullopt;
-    EssentialProblem problem(bearings_a, bearings_b, camera_.focal_px);
-    RansacOptions ransac;
-    ransac.max_error_px = options_.max_error_px;
-    ransac.max_iterations = 500;
-    ransac.seed = options_.seed + 7919u * static_cast<std::uint64_t>(pair.a) + pair.b;
-    Mat3 essential;
-    const Expected<RansacReport> report = Ransac(problem, ransac, &workspace_, &essential);
-    if (!report || report->num_inliers < options_.min_inliers ||
-        report->num_inliers < options_.min_inlier_ratio * usable)
-      return std::nullopt;
-    VerifiedPair result;
-    result.images = pair;
-    result.b_from_a = BestDecomposition(essential, bearings_a, bearings_b);
-    std::vector<double> angles;
-    for (const int i : workspace_.inliers) {
-      result.matches.emplace_back(matches_[i].query, matches_[i].train);
-      const Vec3 turned = result.b_from_a.rotation * bearings_a[i];
-      angles.push_back(std::atan2(turned.cross(bearings_b[i]).norm(), turned.dot(bearings_b[i])));
-    }
-    std::nth_element(angles.begin(), angles.begin() + angles.size() / 2, angles.end());
-    result.median_angle_rad = angles[angles.size() / 2];
-    return result;
+    return verifier_.Verify(pair, a.features, b.features,
+                            std::span(matches_).first(static_cast<std::size_t>(count)));
   }
 
  private:
-  Rigid3 BestDecomposition(const Mat3& essential, const std::vector<Vec3>& a,
-                           const std::vector<Vec3>& b) const {
-    Rigid3 best;
-    int best_count = -1;
-    for (const Rigid3& candidate : DecomposeEssential(essential)) {
-      int count = 0;
-      for (const int i : workspace_.inliers) count += IsInFront(candidate, a[i], b[i]) ? 1 : 0;
-      if (count <= best_count) continue;
-      best_count = count;
-      best = candidate;
-    }
-    return best;
-  }
-
   const Scene& scene_;
   const std::vector<Prepared>& descriptors_;
   const MatchOptions& options_;
-  const NominalCamera& camera_;
   DescriptorMatcher matcher_;
   std::vector<DescriptorMatch> matches_;
-  RansacWorkspace workspace_;
+  PairVerifier verifier_;
 };
 
+// The motion that puts most of the matches in front of both cameras.
+Rigid3 BestDecomposition(const Mat3& essential, const std::vector<Vec3>& a,
+                         const std::vector<Vec3>& b, std::span<const int> inliers) {
+  Rigid3 best;
+  int best_count = -1;
+  for (const Rigid3& candidate : DecomposeEssential(essential)) {
+    int count = 0;
+    for (const int i : inliers) count += IsInFront(candidate, a[i], b[i]) ? 1 : 0;
+    if (count <= best_count) continue;
+    best_count = count;
+    best = candidate;
+  }
+  return best;
+}
+
 }  // namespace
+
+Expected<NominalCamera> NominalCamera::Create(const CameraConfig& config, double range_m) {
+  const Expected<AnyCamera> camera = AnyCamera::Create(config);
+  if (!camera) return tl::unexpected<Error>(camera.error());
+  const Expected<BestFitPerspective> best_fit = FitPerspective(*camera);
+  if (!best_fit) return tl::unexpected<Error>(best_fit.error());
+  return NominalCamera{*camera, range_m, 0.5 * (best_fit->fx + best_fit->fy)};
+}
+
+bool NominalCamera::Bearing(const Vec2& pixel, Vec3* bearing) const {
+  Ray3 ray;
+  if (camera.Backproject(pixel, &ray) != Projection::kOk) return false;
+  const Vec3 point = ray.At(range_m);
+  if (!(point.z() > 0.0)) return false;
+  *bearing = point / point.z();
+  return true;
+}
+
+PairVerifier::PairVerifier(const NominalCamera& camera, const MatchOptions& options,
+                           int max_matches)
+    : camera_(camera), options_(options), workspace_(static_cast<std::uint32_t>(max_matches)) {}
+
+std::optional<VerifiedPair> PairVerifier::Verify(const ImagePair& pair,
+                                                 std::span<const Vec2> features_a,
+                                                 std::span<const Vec2> features_b,
+                                                 std::span<const DescriptorMatch> matches) {
+  std::vector<Vec3> bearings_a, bearings_b;
+  std::vector<DescriptorMatch> usable;
+  for (const DescriptorMatch& match : matches) {
+    Vec3 bearing_a, bearing_b;
+    if (!camera_.Bearing(features_a[match.query], &bearing_a) ||
+        !camera_.Bearing(features_b[match.train], &bearing_b)) {
+      continue;
+    }
+    bearings_a.push_back(bearing_a);
+    bearings_b.push_back(bearing_b);
+    usable.push_back(match);
+  }
+  if (static_cast<int>(usable.size()) < options_.min_inliers) return std::nullopt;
+  EssentialProblem problem(bearings_a, bearings_b, camera_.focal_px);
+  RansacOptions ransac;
+  ransac.max_error_px = options_.max_error_px;
+  ransac.max_iterations = 500;
+  ransac.seed = options_.seed + 7919u * static_cast<std::uint64_t>(pair.a) + pair.b;
+  Mat3 essential;
+  const Expected<RansacReport> report = Ransac(problem, ransac, &workspace_, &essential);
+  if (!report || report->num_inliers < options_.min_inliers ||
+      report->num_inliers < options_.min_inlier_ratio * static_cast<double>(usable.size()))
+    return std::nullopt;
+  VerifiedPair result;
+  result.images = pair;
+  result.b_from_a = BestDecomposition(essential, bearings_a, bearings_b, workspace_.inliers.span());
+  std::vector<double> angles;
+  for (const int i : workspace_.inliers) {
+    result.matches.emplace_back(usable[i].query, usable[i].train);
+    const Vec3 turned = result.b_from_a.rotation * bearings_a[i];
+    angles.push_back(std::atan2(turned.cross(bearings_b[i]).norm(), turned.dot(bearings_b[i])));
+  }
+  std::nth_element(angles.begin(), angles.begin() + angles.size() / 2, angles.end());
+  result.median_angle_rad = angles[angles.size() / 2];
+  return result;
+}
 
 std::vector<ImagePair> SelectPairs(const Scene& scene, const MatchOptions& options) {
   const int count = static_cast<int>(scene.images.size());
@@ -270,28 +277,22 @@ std::vector<VerifiedPair> MatchPairs(const Scene& scene, const std::vector<Image
   std::size_t max_features = 1;
   for (const SceneImage& image : scene.images)
     max_features = std::max(max_features, image.features.size());
-  const AnyCamera camera = *AnyCamera::Create(scene.camera);
-  const Expected<BestFitPerspective> best_fit = FitPerspective(camera);
-  if (!best_fit) return {};
-  const NominalCamera nominal{camera, NominalRange(scene), 0.5 * (best_fit->fx + best_fit->fy)};
+  const Expected<NominalCamera> nominal = NominalCamera::Create(scene.camera, NominalRange(scene));
+  if (!nominal) return {};
 
   std::vector<Prepared> descriptors;
   for (const SceneImage& image : scene.images)
     descriptors.push_back(Prepare(image, options.preview_features));
   std::vector<std::optional<VerifiedPair>> results(pairs.size());
-  const int num_pairs = static_cast<int>(pairs.size());
-  std::mutex mutex;
-  const bool all = ParallelWork(num_pairs, options.num_threads, [&] {
-    return [&, matcher = PairMatcher(scene, descriptors, options, nominal,
-                                     static_cast<int>(max_features))](int i) mutable {
-      results[i] = matcher.Match(pairs[i]);
-      if (!options.progress) return true;
-      const std::lock_guard<std::mutex> lock(mutex);
-      return options.progress(i + 1, num_pairs);
-    };
-  });
+  const bool finished =
+      ForEachInParallel(static_cast<int>(pairs.size()), options.num_threads, options.progress, [&] {
+        return [&, matcher = std::make_shared<PairMatcher>(scene, descriptors, options, *nominal,
+                                                           static_cast<int>(max_features))](int i) {
+          results[i] = matcher->Match(pairs[i]);
+        };
+      });
   std::vector<VerifiedPair> verified;
-  if (!all) return verified;
+  if (!finished) return verified;
   for (std::optional<VerifiedPair>& result : results)
     if (result) verified.push_back(std::move(*result));
   return verified;

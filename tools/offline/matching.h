@@ -4,9 +4,13 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
+#include "rsfm/estimation/ransac.h"
+#include "rsfm/mapping/descriptor_matcher.h"
 #include "tools/offline/scene.h"
 
 namespace rsfm {
@@ -44,6 +48,36 @@ struct VerifiedPair {
   std::vector<std::pair<std::int32_t, std::int32_t>> matches;  // features of a and b
   Rigid3 b_from_a;                // of the central approximation; the translation has unit length
   double median_angle_rad = 0.0;  // between the two rays of a match
+};
+
+// The camera as if all it sees lay at one range.
+struct NominalCamera {
+  AnyCamera camera;
+  double range_m;   // from the camera, along the ray in water
+  double focal_px;  // in water
+
+  // kInvalidArgument or kDegenerate where no perspective camera comes near this one.
+  static Expected<NominalCamera> Create(const CameraConfig& config, double range_m);
+  // (x / z, y / z, 1). False for a pixel without a ray and for what does not lie ahead.
+  bool Bearing(const Vec2& pixel, Vec3* bearing) const;
+};
+
+// Tells right matches from wrong ones by the essential matrix that most of them obey; one per
+// thread.
+class PairVerifier {
+ public:
+  // For at most `max_matches` matches of a pair.
+  PairVerifier(const NominalCamera& camera, const MatchOptions& options, int max_matches);
+
+  // `query` of a match is a feature of a, `train` one of b. Nothing where too few agree.
+  std::optional<VerifiedPair> Verify(const ImagePair& pair, std::span<const Vec2> features_a,
+                                     std::span<const Vec2> features_b,
+                                     std::span<const DescriptorMatch> matches);
+
+ private:
+  NominalCamera camera_;
+  const MatchOptions& options_;
+  RansacWorkspace workspace_;
 };
 
 // Sorted, without repetition.

@@ -5,7 +5,7 @@
 
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/tables.h"
-#include "rsfm/refraction/best_fit.h"
+#include "tools/offline/uwpinhole.h"
 
 namespace rsfm {
 namespace {
@@ -78,35 +78,14 @@ IoStatus LoadNavigation(const RefineRequest& request, Loaded* loaded) {
   return {};
 }
 
-// The paper's UWPinhole starts from the pinhole that fits the refractive camera best.
-IoStatus DropPort(const RefineRequest& request, CameraConfig* config) {
-  if (config->port.type == PortType::kNone) return {};
-  const auto camera = AnyCamera::Create(*config);
-  const auto fit = camera ? FitPerspective(*camera) : Expected<BestFitPerspective>();
-  if (!camera || !fit) {
-    return Fail({Errc::kDegenerate, request.input.string(), "camera",
-                 "no perspective camera comes near this one", "leave --uwpinhole out"});
-  }
-  config->port = PortConfig();
-  const int num_focal = NumFocalLengths(config->lens);
-  std::fill(config->lens_params.begin(), config->lens_params.end(), 0.0);
-  config->lens_params[0] = num_focal == 1 ? 0.5 * (fit->fx + fit->fy) : fit->fx;
-  if (num_focal == 2) config->lens_params[1] = fit->fy;
-  config->lens_params[num_focal] = fit->cx;
-  config->lens_params[num_focal + 1] = fit->cy;
-  return {};
-}
-
 void ChooseParameters(const RefineRequest& request, RefineSceneOptions* options) {
   BundleOptions* bundle = &options->bundle;
   // A lens comes from a calibration, near enough to judge matches by; a port often from a drawing.
   options->settle_first = !request.refine_port;
-  if (request.refine_lens || request.uwpinhole)
+  if (request.refine_lens)
     bundle->lens.focal = bundle->lens.principal_point = bundle->lens.distortion = true;
   if (request.uwpinhole) {
-    bundle->lens.sigma_focal = 0.3;
-    bundle->lens.sigma_principal_point = 0.1;
-    bundle->lens.sigma_distortion = 1.0;
+    bundle->lens = RefineUwPinhole();
   } else if (request.refine_port) {
     bundle->port.normal = bundle->port.distance = bundle->port.center = true;
   }
@@ -166,8 +145,12 @@ IoExpected<RefineResult> Refine(const RefineRequest& request) {
   Scene& scene = loaded->scene;
   result.num_images = static_cast<int>(scene.images.size());
   if (request.uwpinhole) {
-    if (const IoStatus status = DropPort(request, &scene.camera); !status)
-      return Fail(status.error());
+    const auto without_port = DropPort(scene.camera);
+    if (!without_port) {
+      return Fail({Errc::kDegenerate, request.input.string(), "camera",
+                   "no perspective camera comes near this one", "leave --uwpinhole out"});
+    }
+    scene.camera = *without_port;
   }
   result.camera_before = scene.camera;
   if (!request.uwpinhole) result.water = loaded->water;

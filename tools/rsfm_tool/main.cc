@@ -19,6 +19,7 @@
 #include "tools/rsfm_tool/verb_info.h"
 #include "tools/rsfm_tool/verb_map.h"
 #include "tools/rsfm_tool/verb_project.h"
+#include "tools/rsfm_tool/verb_reconstruct.h"
 #include "tools/rsfm_tool/verb_refine.h"
 #include "tools/rsfm_tool/verb_report.h"
 #include "tools/rsfm_tool/verb_simulate.h"
@@ -73,6 +74,7 @@ int Main(int argc, char** argv) {
   verbs.Add(DeclareInfo, RunInfo);
   verbs.Add(DeclareMap, RunMap);
   verbs.Add(DeclareProject, RunProject);
+  verbs.Add(DeclareReconstruct, RunReconstruct);
   verbs.Add(DeclareRefine, RunRefine);
   verbs.Add(DeclareReport, RunReport);
   verbs.Add(DeclareSimulate, RunSimulate);

@@ -1,32 +1,13 @@
 #include "tools/rsfm_tool/verb_refine.h"
 
 #include <cstdio>
-#include <memory>
 
 #include "tools/common/exit.h"
-#include "tools/common/progress.h"
+#include "tools/common/stage_progress.h"
 #include "tools/offline/refine_mission.h"
 
 namespace rsfm {
 namespace {
-
-// One bar after another, as the work changes.
-class StageProgress {
- public:
-  bool Update(const std::string& stage, double part) {
-    if (stage != stage_) {
-      if (progress_) progress_->Finish();
-      progress_ = std::make_unique<Progress>(stage, 100);
-      stage_ = stage;
-    }
-    progress_->Update(static_cast<std::int64_t>(100.0 * part));
-    return !IsInterrupted();
-  }
-
- private:
-  std::string stage_;
-  std::unique_ptr<Progress> progress_;
-};
 
 void PrintFindings(const RefineResult& result) {
   const RefineSceneReport& scene = result.scene;

@@ -1,0 +1,344 @@
+#include "tools/reconstruction/incremental.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "tools/reconstruction/next_image.h"
+
+namespace rsfm {
+namespace {
+
+constexpr std::uint32_t kCheckpointVersion = 1;
+constexpr double kSoftScale = 0.3;  // sigma of the scale between two adjustments, a ratio
+
+// Adds what it measures to a total.
+class Stopwatch {
+ public:
+  explicit Stopwatch(double* total) : total_(total) {}
+  ~Stopwatch() {
+    *total_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  }
+
+ private:
+  double* total_;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+class Reconstructor {
+ public:
+  Reconstructor(const IncrementalOptions& options, const std::vector<VerifiedPair>& pairs,
+                Scene* scene)
+      : options_(options),
+        pairs_(pairs),
+        scene_(*scene),
+        camera_(scene->camera),
+        graph_(*scene, pairs),
+        next_(*scene, pairs),
+        used_(scene->images.size(), 0) {}
+
+  Expected<IncrementalResult> Run(const std::string& resume_from) {
+    bool growing = !resume_from.empty() && Resume(resume_from);
+    result_.resumed = growing;
+    // Starts that came to nothing are bounded, too.
+    for (int trial = 0; trial < 2 * options_.max_models &&
+                        static_cast<int>(result_.models.size()) < options_.max_models;
+         ++trial) {
+      if (!growing && !Start()) break;
+      growing = false;
+      if (const Status status = Grow(); !status) return tl::unexpected(status.error());
+      if (result_.interrupted) break;
+      if (const Status status = Finish(); !status) return tl::unexpected(status.error());
+      if (result_.interrupted) break;
+    }
+    if (result_.models.empty() && !result_.interrupted)
+      return Fail(Errc::kDegenerate, "first pair", static_cast<int>(pairs_.size()));
+    std::stable_sort(result_.models.begin(), result_.models.end(),
+                     [](const IncrementalModel& x, const IncrementalModel& y) {
+                       return x.map.poses.size() > y.map.poses.size();
+                     });
+    return std::move(result_);
+  }
+
+ private:
+  bool Tell(const std::string& what, double part) {
+    if (options_.progress && !options_.progress(what, part)) result_.interrupted = true;
+    return !result_.interrupted;
+  }
+  double PartPlaced() const {
+    return static_cast<double>(scene_.NumPlaced()) / static_cast<double>(scene_.images.size());
+  }
+
+  bool RefinesPort() const { return rsfm::RefinesPort(camera_.port.type, options_.bundle.port); }
+  // Whether the bent rays are asked for the scale.
+  bool ScaleFromRefraction() const {
+    return camera_.port.type != PortType::kNone && !RefinesPort() && !options_.bundle.lens.Any();
+  }
+
+  bool Start() {
+    const Stopwatch watch(&result_.seconds_placing);
+    scene_.camera = camera_;
+    scene_.priors.clear();
+    const auto start =
+        PlaceStartPair(graph_, pairs_, used_, options_.start, &tried_starts_, &scene_);
+    if (!start) return false;
+    model_ = {};
+    model_.start = *start;
+    if (getenv("DBG")) fprintf(stderr, "DBG start %d %d baseline %.3f known %d points %d\n", start->images.a, start->images.b, start->baseline_m, start->baseline_from_refraction, scene_.NumPoints());
+    next_.TouchAll();
+    adjusted_at_ = 0;
+    return true;
+  }
+
+  // Adjusts everything, filters and completes tracks.
+  Status AdjustAll(const std::string& what, int max_iterations, double tolerance,
+                   BundleReport* report = nullptr) {
+    ++result_.num_global_adjustments;
+    if (options_.navigate) options_.navigate(&scene_);
+    SceneBundle bundle = ToBundle(scene_);
+    BundleOptions adjust = options_.bundle;
+    if (scene_.NumPlaced() < options_.refine_from) {
+      adjust.lens = {};
+      adjust.port = {};
+    }
+    adjust.max_iterations = max_iterations;
+    adjust.function_tolerance = tolerance;
+    if (scene_.priors.empty() && ScaleFromRefraction()) FreeScale(&adjust, &bundle.problem);
+    adjust.progress = [&](const BundleProgress&) { return Tell(what, PartPlaced()); };
+    {
+      const Stopwatch watch(&result_.seconds_global);
+      const auto done = AdjustBundle(adjust, &bundle.problem);
+      if (!done) return tl::unexpected(done.error());
+      model_.last_bundle = *done;
+      model_.scale_held = done->gauge.scale;
+      if (report != nullptr) *report = *done;
+      FromBundle(bundle, &scene_);
+    }
+    const Stopwatch watch(&result_.seconds_tracks);
+    const FilterReport f = FilterScene(options_.filter, &scene_);
+    const TrackReport t = UpdateTracks(graph_, options_.tracks, &scene_);
+    if (getenv("DBG")) {
+      auto [a, b] = FarPair(bundle.problem);
+      fprintf(stderr, "DBG %s images %d iter %d conv %d cost %.1f->%.1f err %.3f size %.3f filt obs %d pts %d im %d; compl %d merged %d created %d; t %.1f\n",
+        what.c_str(), scene_.NumPlaced(), model_.last_bundle.iterations, model_.last_bundle.converged, model_.last_bundle.initial_cost, model_.last_bundle.final_cost, model_.last_bundle.final_mean_error_px,
+        (bundle.problem.images[a].camera_from_world.OriginOfTarget() - bundle.problem.images[b].camera_from_world.OriginOfTarget()).norm(), f.observations, f.points, f.images, t.completed, t.merged, t.created, model_.last_bundle.seconds);
+    }
+    return {};
+  }
+
+  static void FreeScale(BundleOptions* adjust, BundleProblem* problem) {
+    const auto [a, b] = FarPair(*problem);
+    if (a < 0) return;
+    const double distance = (problem->images[a].camera_from_world.OriginOfTarget() -
+                             problem->images[b].camera_from_world.OriginOfTarget())
+                                .norm();
+    const auto prior = MakeBaselinePrior(a, b, Rigid3(), distance, kSoftScale * distance);
+    if (!prior) return;
+    problem->priors.push_back(*prior);
+    adjust->hold_scale = false;
+  }
+
+  bool PlaceOne(std::vector<std::uint8_t>* closed, std::vector<std::uint8_t>* tried_pairs,
+                int* placed) {
+    const Stopwatch watch(&result_.seconds_placing);
+    for (;;) {
+      *placed = next_.Choose(graph_, options_.placing.min_inliers, *closed, scene_);
+      if (*placed < 0) break;
+      (*closed)[*placed] = 1;
+      if (PlaceImage(*placed, graph_, options_.placing, &scene_)) {
+        if (getenv("DBG")) fprintf(stderr, "DBG placed %d n=%d\n", *placed, scene_.NumPlaced());
+        return true;
+      }
+      if (getenv("DBG")) fprintf(stderr, "DBG FAILED %d\n", *placed);
+      if (!Tell("placing images", PartPlaced())) return false;
+    }
+    bool r= PlaceByPair(pairs_, graph_, options_.placing, tried_pairs, &scene_, placed);
+    if (getenv("DBG")) fprintf(stderr, "DBG by pair %d -> %d\n", r, *placed);
+    return r;
+  }
+
+  std::vector<std::uint8_t> PairsOfUsedImages() const {
+    std::vector<std::uint8_t> tried(pairs_.size(), 0);
+    for (std::size_t i = 0; i < pairs_.size(); ++i)
+      tried[i] = used_[pairs_[i].images.a] | used_[pairs_[i].images.b];
+    return tried;
+  }
+
+  // Places image after image until none is left that can be.
+  Status Grow() {
+    std::vector<std::uint8_t> closed = used_, tried_pairs = PairsOfUsedImages();
+    const auto reopen = [&] {
+      adjusted_at_ = scene_.NumPlaced();
+      closed = used_;
+      tried_pairs = PairsOfUsedImages();
+      next_.TouchAll();
+      WriteCheckpoint();
+      PutBack(TakeSnapshot(scene_), &scene_);  // as one that resumes from it has it
+    };
+    // An image that the filter throws out again may be placed once more; the bound ends a quarrel.
+    std::size_t left = 3 * scene_.images.size();
+    while (left-- > 0 && Tell("placing images", PartPlaced())) {
+      int placed = -1;
+      if (!PlaceOne(&closed, &tried_pairs, &placed)) {
+        if (result_.interrupted || adjusted_at_ == scene_.NumPlaced()) break;
+        // Images that failed may succeed in the adjusted map.
+        if (const Status s = AdjustAll("adjusting", 25, 1e-5); !s) return s;
+        if (!result_.interrupted) reopen();
+        continue;
+      }
+      if (scene_.NumPlaced() >= options_.window_from) {
+        const Stopwatch watch(&result_.seconds_windows);
+        AdjustAround(placed, options_.placing, &scene_);
+      }
+      {
+        const Stopwatch watch(&result_.seconds_tracks);
+        UpdateTracksOf(placed, graph_, options_.tracks, &scene_);
+      }
+      next_.Touch(placed);
+      const int count = scene_.NumPlaced();
+      if (count < (1.0 + options_.growth) * adjusted_at_ &&
+          count < adjusted_at_ + options_.growth_images)
+        continue;
+      if (const Status s = AdjustAll("adjusting", 15, 1e-4); !s) return s;
+      if (!result_.interrupted) reopen();
+    }
+    return {};
+  }
+
+  // Rounds until they bring nothing, then the model is put away.
+  Status Finish() {
+    ErrorSummary before;
+    for (int round = 0; round < options_.max_rounds; ++round) {
+      BundleReport bundle;
+      const int observations = scene_.NumObservations();
+      if (const Status s = AdjustAll("refining", options_.bundle.max_iterations,
+                                     options_.bundle.function_tolerance, &bundle);
+          !s)
+        return s;
+      if (result_.interrupted) return {};
+      ++model_.rounds;
+      const ErrorSummary errors = SceneErrors(scene_);
+      const bool settled =
+          round > 0 && bundle.converged &&
+          std::abs(scene_.NumObservations() - observations) <= options_.min_change * observations &&
+          errors.mean_px >= before.mean_px * (1.0 - options_.min_improvement);
+      before = errors;
+      if (settled) break;
+    }
+    // What the last completion added has not been adjusted, and what it moved not judged.
+    if (const Status s = AdjustAll("refining", options_.bundle.max_iterations,
+                                   options_.bundle.function_tolerance);
+        !s)
+      return s;
+    if (!result_.interrupted) PutAway();
+    return {};
+  }
+
+  void PutAway() {
+    FilterScene(options_.filter, &scene_);
+    model_.num_images = scene_.NumPlaced();
+    model_.num_points = scene_.NumPoints();
+    model_.num_observations = scene_.NumObservations();
+    model_.errors = SceneErrors(scene_);
+    if (model_.num_images < options_.min_model_images) return;
+    for (std::size_t i = 0; i < used_.size(); ++i)
+      if (scene_.images[i].placed) used_[i] = 1;
+    result_.models.push_back({TakeSnapshot(scene_), model_});
+  }
+
+  void WriteCheckpoint() {
+    if (!options_.checkpoint) return;
+    std::string bytes;
+    AppendBinary(&bytes, kCheckpointVersion);
+    AppendBinary(&bytes, static_cast<std::uint32_t>(result_.models.size()));
+    for (const IncrementalModel& model : result_.models) {
+      AppendReport(model.report, &bytes);
+      AppendSnapshot(model.map, &bytes);
+    }
+    AppendReport(model_, &bytes);
+    AppendSnapshot(TakeSnapshot(scene_), &bytes);
+    AppendBinary(&bytes, static_cast<std::uint32_t>(tried_starts_.size()));
+    bytes.append(tried_starts_.begin(), tried_starts_.end());
+    if (!options_.checkpoint(bytes)) result_.interrupted = true;
+  }
+
+  static void AppendReport(const ModelReport& report, std::string* bytes) {
+    for (const int value : {report.start.images.a, report.start.images.b, report.num_images,
+                            report.num_points, report.num_observations, report.rounds})
+      AppendBinary(bytes, static_cast<std::int32_t>(value));
+    for (const bool value : {report.start.baseline_from_navigation,
+                             report.start.baseline_from_refraction, report.scale_held})
+      AppendBinary(bytes, static_cast<std::uint8_t>(value));
+    for (const double value :
+         {report.start.baseline_m, report.errors.mean_px, report.errors.rms_px})
+      AppendBinary(bytes, value);
+    AppendBinary(bytes, static_cast<std::int32_t>(report.errors.num_observations));
+  }
+
+  static bool ReadReport(BinaryReader* reader, ModelReport* report) {
+    for (int* value : {&report->start.images.a, &report->start.images.b, &report->num_images,
+                       &report->num_points, &report->num_observations, &report->rounds})
+      reader->Read(value);
+    for (bool* value : {&report->start.baseline_from_navigation,
+                        &report->start.baseline_from_refraction, &report->scale_held}) {
+      std::uint8_t byte = 0;
+      reader->Read(&byte);
+      *value = byte != 0;
+    }
+    for (double* value :
+         {&report->start.baseline_m, &report->errors.mean_px, &report->errors.rms_px})
+      reader->Read(value);
+    return reader->Read(&report->errors.num_observations);
+  }
+
+  bool Resume(const std::string& bytes) {
+    BinaryReader reader(bytes);
+    std::uint32_t version = 0, count = 0;
+    if (!reader.Read(&version) || version != kCheckpointVersion || !reader.Read(&count))
+      return false;
+    std::vector<IncrementalModel> models;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      models.emplace_back();
+      if (!ReadReport(&reader, &models.back().report) ||
+          !ReadSnapshot(&reader, scene_, &models.back().map))
+        return false;
+    }
+    ModelReport report;
+    MapSnapshot map;
+    std::uint32_t num_tried = 0;
+    if (!ReadReport(&reader, &report) || !ReadSnapshot(&reader, scene_, &map) ||
+        !reader.Read(&num_tried) || num_tried != pairs_.size() ||
+        bytes.size() - reader.offset() != num_tried)
+      return false;
+    tried_starts_.assign(bytes.end() - static_cast<std::ptrdiff_t>(num_tried), bytes.end());
+    for (const IncrementalModel& model : models)
+      for (const auto& [image, pose] : model.map.poses) used_[image] = 1;
+    result_.models = std::move(models);
+    model_ = report;
+    PutBack(map, &scene_);
+    adjusted_at_ = scene_.NumPlaced();
+    return true;
+  }
+
+  const IncrementalOptions& options_;
+  const std::vector<VerifiedPair>& pairs_;
+  Scene& scene_;
+  const CameraConfig camera_;  // as it was given
+  const CorrespondenceGraph graph_;
+  NextImage next_;
+  std::vector<std::uint8_t> used_;  // images of finished models
+  std::vector<std::uint8_t> tried_starts_;
+  int adjusted_at_ = 0;
+  ModelReport model_;
+  IncrementalResult result_;
+};
+
+}  // namespace
+
+Expected<IncrementalResult> ReconstructIncrementally(const IncrementalOptions& options,
+                                                     const std::vector<VerifiedPair>& pairs,
+                                                     const std::string& resume_from, Scene* scene) {
+  return Reconstructor(options, pairs, scene).Run(resume_from);
+}
+
+}  // namespace rsfm

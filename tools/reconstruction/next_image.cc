@@ -1,0 +1,71 @@
+#include "tools/reconstruction/next_image.h"
+
+#include <algorithm>
+#include <bitset>
+
+namespace rsfm {
+namespace {
+
+constexpr int kLevels = 5;  // grids of 2, 4 ... 32 cells a side
+constexpr int kFinest = 1 << kLevels;
+
+}  // namespace
+
+NextImage::NextImage(const Scene& scene, const std::vector<VerifiedPair>& pairs)
+    : views_(scene.images.size()), neighbours_(scene.images.size()) {
+  for (const VerifiedPair& pair : pairs) {
+    neighbours_[pair.images.a].push_back(pair.images.b);
+    neighbours_[pair.images.b].push_back(pair.images.a);
+  }
+}
+
+void NextImage::Touch(int image) {
+  for (const int other : neighbours_[image]) views_[other].stale = true;
+}
+
+void NextImage::TouchAll() {
+  for (View& view : views_) view.stale = true;
+}
+
+void NextImage::Update(int index, const CorrespondenceGraph& graph, const Scene& scene) {
+  View& view = views_[index];
+  view = {.stale = false, .points = 0, .score = 0};
+  const SceneImage& image = scene.images[index];
+  std::bitset<kFinest * kFinest> cells;
+  for (std::int32_t f = 0; f < static_cast<std::int32_t>(image.features.size()); ++f) {
+    const auto neighbours = graph.Neighbours({index, f});
+    if (std::none_of(neighbours.begin(), neighbours.end(), [&scene](const TrackElement& n) {
+          return scene.images[n.image].points[n.feature] != kNoPoint;
+        }))
+      continue;
+    ++view.points;
+    const auto cell = [](double x, int size) {
+      return std::clamp(static_cast<int>(x / size * kFinest), 0, kFinest - 1);
+    };
+    cells.set(static_cast<std::size_t>(cell(image.features[f].y(), scene.camera.height) * kFinest +
+                                       cell(image.features[f].x(), scene.camera.width)));
+  }
+  for (int level = 0; level < kLevels; ++level) {
+    std::bitset<kFinest * kFinest> coarse;
+    for (int y = 0; y < kFinest; ++y)
+      for (int x = 0; x < kFinest; ++x)
+        if (cells[static_cast<std::size_t>(y * kFinest + x)])
+          coarse.set(static_cast<std::size_t>((y >> level) * kFinest + (x >> level)));
+    const int side = kFinest >> level;
+    view.score += side * static_cast<int>(coarse.count());
+  }
+}
+
+int NextImage::Choose(const CorrespondenceGraph& graph, int min_points,
+                      const std::vector<std::uint8_t>& closed, const Scene& scene) {
+  int best = -1;
+  for (int i = 0; i < static_cast<int>(views_.size()); ++i) {
+    if (scene.images[i].placed || closed[i] != 0 || neighbours_[i].empty()) continue;
+    if (views_[i].stale) Update(i, graph, scene);
+    if (views_[i].points < min_points) continue;
+    if (best < 0 || views_[i].score > views_[best].score) best = i;
+  }
+  return best;
+}
+
+}  // namespace rsfm

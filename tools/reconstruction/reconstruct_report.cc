@@ -1,0 +1,130 @@
+// report.json of a reconstruction.
+#include <nlohmann/json.hpp>
+
+#include "tools/reconstruction/reconstruct.h"
+
+namespace rsfm {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json CameraJson(const CameraConfig& camera) {
+  Json json;
+  json["model"] = ToString(camera.lens);
+  json["params"] = std::vector<double>(camera.lens_params.begin(), camera.lens_params.end());
+  json["port"] = {{"type", ToString(camera.port.type)}};
+  if (camera.port.type != PortType::kNone) json["port"]["params"] = camera.port.Params();
+  return json;
+}
+
+Json LeftOutJson(const std::vector<LeftOutImage>& images) {
+  Json json = Json::array();
+  for (const LeftOutImage& image : images)
+    json.push_back({{"image", image.image}, {"reason", image.reason}});
+  return json;
+}
+
+// Where the scale comes from, in words that say how far to trust it.
+std::string ScaleSource(const ReconstructRequest& request, const ReconstructedModel& model) {
+  if (model.alignment.scale) return "navigation";
+  if (request.first_baseline_m > 0.0) return "length given for the first pair's baseline";
+  if (!model.report.scale_held) return "refraction alone: see scale_sigma";
+  return "unknown: length of the first pair's baseline, held";
+}
+
+Json NavigationJson(const ReconstructedModel& model) {
+  Json json = {{"attitude", model.alignment.attitude},
+               {"position", model.alignment.position},
+               {"depth", model.alignment.depth},
+               {"scale", model.alignment.scale}};
+  if (model.residuals) {
+    const NavigationResiduals& r = *model.residuals;
+    json["residuals"] = {{"positions", r.num_positions},
+                         {"position_rms_m", r.position_rms_m},
+                         {"position_max_m", r.position_max_m},
+                         {"position_sigma_m", r.position_sigma_m},
+                         {"attitudes", r.num_attitudes},
+                         {"attitude_median_deg", r.attitude_median_deg},
+                         {"depths", r.num_depths},
+                         {"depth_rms_m", r.depth_rms_m}};
+  }
+  return json;
+}
+
+Json ObservabilityJson(const ObservabilityReport& report) {
+  Json parameters = Json::array();
+  for (const ParameterEstimate& p : report.parameters) {
+    parameters.push_back({{"name", p.name},
+                          {"start", p.start},
+                          {"value", p.value},
+                          {"sigma", p.sigma},
+                          {"prior_sigma", p.prior_sigma},
+                          {"scale_correlation", p.scale_correlation},
+                          {"verdict", p.verdict}});
+  }
+  return {{"noise_px", report.noise_px},
+          {"scale_sigma", report.scale_sigma},
+          {"parameters", parameters}};
+}
+
+Json ModelJson(const ReconstructRequest& request, const ReconstructResult& result,
+               const ReconstructedModel& model) {
+  const auto& images = result.extraction.images;
+  Json json = {
+      {"images", model.report.num_images},
+      {"points", model.report.num_points},
+      {"observations", model.report.num_observations},
+      {"mean_error_px", model.report.errors.mean_px},
+      {"rms_error_px", model.report.errors.rms_px},
+      {"first_pair",
+       {images[model.report.start.images.a].name, images[model.report.start.images.b].name}},
+      {"first_baseline_m", model.report.start.baseline_m},
+      {"frame", model.alignment.attitude ? "NED" : "first image's camera"},
+      {"scale", ScaleSource(request, model)},
+      {"camera", CameraJson(model.camera)},
+      {"navigation", NavigationJson(model)}};
+  if (model.observability) json["observability"] = ObservabilityJson(*model.observability);
+  return json;
+}
+
+}  // namespace
+
+std::string FormatReconstructReport(const ReconstructRequest& request,
+                                    const ReconstructResult& result) {
+  Json json;
+  json["images"] = {{"offered", result.num_offered},
+                    {"used", result.extraction.images.size()},
+                    {"left_out", LeftOutJson(result.extraction.left_out)},
+                    {"not_placed", LeftOutJson(result.not_placed)}};
+  json["warnings"] = result.warnings;
+  json["pairs"] = {{"exhaustive", result.selection.exhaustive},
+                   {"from_sequence", result.selection.num_from_sequence},
+                   {"from_places", result.selection.num_from_places},
+                   {"from_similarity", result.selection.num_from_similarity},
+                   {"tried", result.matching.num_pairs},
+                   {"matched", result.matching.num_matched},
+                   {"matches", result.matching.num_matches},
+                   {"verified", result.num_verified_pairs},
+                   {"verified_matches", result.num_verified_matches},
+                   {"range_m", result.range_m}};
+  json["camera_before"] = CameraJson(result.camera_before);
+  json["models"] = Json::array();
+  for (const ReconstructedModel& model : result.models)
+    json["models"].push_back(ModelJson(request, result, model));
+  json["seconds"] = {{"features", result.seconds_extraction},
+                     {"features_from_cache", result.extraction.num_cached},
+                     {"choosing_pairs", result.seconds_selection},
+                     {"matching", result.seconds_matching},
+                     {"pairs_from_cache", result.matching.num_cached},
+                     {"verification", result.seconds_verification},
+                     {"mapping", result.seconds_mapping},
+                     {"mapping_placing", result.seconds_placing},
+                     {"mapping_windows", result.seconds_windows},
+                     {"mapping_global", result.seconds_global},
+                     {"mapping_tracks", result.seconds_tracks},
+                     {"global_adjustments", result.num_global_adjustments},
+                     {"resumed", result.resumed}};
+  return json.dump(2) + "\n";
+}
+
+}  // namespace rsfm
