@@ -84,7 +84,6 @@ class Reconstructor {
     if (!start) return false;
     model_ = {};
     model_.start = *start;
-    if (getenv("DBG")) fprintf(stderr, "DBG start %d %d baseline %.3f known %d points %d\n", start->images.a, start->images.b, start->baseline_m, start->baseline_from_refraction, scene_.NumPoints());
     next_.TouchAll();
     adjusted_at_ = 0;
     return true;
@@ -115,14 +114,8 @@ class Reconstructor {
       FromBundle(bundle, &scene_);
     }
     const Stopwatch watch(&result_.seconds_tracks);
-    const FilterReport f = FilterScene(options_.filter, &scene_);
-    const TrackReport t = UpdateTracks(graph_, options_.tracks, &scene_);
-    if (getenv("DBG")) {
-      auto [a, b] = FarPair(bundle.problem);
-      fprintf(stderr, "DBG %s images %d iter %d conv %d cost %.1f->%.1f err %.3f size %.3f filt obs %d pts %d im %d; compl %d merged %d created %d; t %.1f\n",
-        what.c_str(), scene_.NumPlaced(), model_.last_bundle.iterations, model_.last_bundle.converged, model_.last_bundle.initial_cost, model_.last_bundle.final_cost, model_.last_bundle.final_mean_error_px,
-        (bundle.problem.images[a].camera_from_world.OriginOfTarget() - bundle.problem.images[b].camera_from_world.OriginOfTarget()).norm(), f.observations, f.points, f.images, t.completed, t.merged, t.created, model_.last_bundle.seconds);
-    }
+    FilterScene(options_.filter, &scene_);
+    UpdateTracks(graph_, options_.tracks, &scene_);
     return {};
   }
 
@@ -145,16 +138,10 @@ class Reconstructor {
       *placed = next_.Choose(graph_, options_.placing.min_inliers, *closed, scene_);
       if (*placed < 0) break;
       (*closed)[*placed] = 1;
-      if (PlaceImage(*placed, graph_, options_.placing, &scene_)) {
-        if (getenv("DBG")) fprintf(stderr, "DBG placed %d n=%d\n", *placed, scene_.NumPlaced());
-        return true;
-      }
-      if (getenv("DBG")) fprintf(stderr, "DBG FAILED %d\n", *placed);
+      if (PlaceImage(*placed, graph_, options_.placing, &scene_)) return true;
       if (!Tell("placing images", PartPlaced())) return false;
     }
-    bool r= PlaceByPair(pairs_, graph_, options_.placing, tried_pairs, &scene_, placed);
-    if (getenv("DBG")) fprintf(stderr, "DBG by pair %d -> %d\n", r, *placed);
-    return r;
+    return PlaceByPair(pairs_, graph_, options_.placing, tried_pairs, &scene_, placed);
   }
 
   std::vector<std::uint8_t> PairsOfUsedImages() const {

@@ -8,19 +8,21 @@ namespace {
 
 constexpr int kLevels = 5;  // grids of 2, 4 ... 32 cells a side
 constexpr int kFinest = 1 << kLevels;
+constexpr double kStrong = 0.7;  // of the strongest pair, from which on the view decides
 
 }  // namespace
 
 NextImage::NextImage(const Scene& scene, const std::vector<VerifiedPair>& pairs)
     : views_(scene.images.size()), neighbours_(scene.images.size()) {
   for (const VerifiedPair& pair : pairs) {
-    neighbours_[pair.images.a].push_back(pair.images.b);
-    neighbours_[pair.images.b].push_back(pair.images.a);
+    const int matches = static_cast<int>(pair.matches.size());
+    neighbours_[pair.images.a].push_back({pair.images.b, matches});
+    neighbours_[pair.images.b].push_back({pair.images.a, matches});
   }
 }
 
 void NextImage::Touch(int image) {
-  for (const int other : neighbours_[image]) views_[other].stale = true;
+  for (const Neighbour& other : neighbours_[image]) views_[other.image].stale = true;
 }
 
 void NextImage::TouchAll() {
@@ -58,14 +60,28 @@ void NextImage::Update(int index, const CorrespondenceGraph& graph, const Scene&
 
 int NextImage::Choose(const CorrespondenceGraph& graph, int min_points,
                       const std::vector<std::uint8_t>& closed, const Scene& scene) {
-  int best = -1;
+  std::vector<int> links(views_.size(), 0);
+  int strongest = 0;
   for (int i = 0; i < static_cast<int>(views_.size()); ++i) {
     if (scene.images[i].placed || closed[i] != 0 || neighbours_[i].empty()) continue;
     if (views_[i].stale) Update(i, graph, scene);
     if (views_[i].points < min_points) continue;
+    links[i] = StrongestLink(i, scene);
+    strongest = std::max(strongest, links[i]);
+  }
+  int best = -1;
+  for (int i = 0; i < static_cast<int>(views_.size()); ++i) {
+    if (links[i] == 0 || links[i] < kStrong * strongest) continue;
     if (best < 0 || views_[i].score > views_[best].score) best = i;
   }
   return best;
+}
+
+int NextImage::StrongestLink(int image, const Scene& scene) const {
+  int strongest = 0;
+  for (const Neighbour& other : neighbours_[image])
+    if (scene.images[other.image].placed) strongest = std::max(strongest, other.matches);
+  return strongest;
 }
 
 }  // namespace rsfm

@@ -1,5 +1,9 @@
-// The next best view: which image sees the most of the map, well spread over the image.
-// [Schoenberger & Frahm 2016, CVPR, "Structure-from-Motion Revisited", sec. 4.2]
+// The next best view: an image that matches one of the placed images strongly and sees much of the
+// map, well spread.   [Schoenberger & Frahm 2016, CVPR, "Structure-from-Motion Revisited",
+// sec. 4.2]
+//
+// Strong pairs go first because patterns that repeat on the seabed match as well, but not over
+// whole images: by the time their pairs would be followed, true neighbours have placed the image.
 #pragma once
 
 #include <cstdint>
@@ -31,7 +35,13 @@ class NextImage {
   void Update(int image, const CorrespondenceGraph& graph, const Scene& scene);
 
   std::vector<View> views_;
-  std::vector<std::vector<int>> neighbours_;  // images that share a verified pair
+  struct Neighbour {
+    int image = 0;
+    int matches = 0;
+  };
+  int StrongestLink(int image, const Scene& scene) const;
+
+  std::vector<std::vector<Neighbour>> neighbours_;  // images that share a verified pair
 };
 
 }  // namespace rsfm

@@ -47,7 +47,7 @@ std::optional<Placed> EstimatePose(const VerifiedPair& pair, const StartOptions&
   TwoViewOptions two_view;
   two_view.ransac.seed = options.placing.seed;
   two_view.ransac.max_error_px = 3.0;
-  two_view.nominal_range_m = two_view.default_range_m = options.range_m;
+  two_view.nominal_range_m = options.range_m;
   Placed placed;
   if (options.baseline) {
     if (const auto known = options.baseline(pair.images.a, pair.images.b)) {
