@@ -24,7 +24,7 @@ class IncrementalTest : public ::testing::Test {
  protected:
   IncrementalTest() {
     SurveyOptions survey;
-    survey.num_points = 600;
+    survey.num_points = 1500;
     survey.noise_px = 0.4;
     survey_ = MakeSurvey(*AnyCamera::Create(FlatRig()), survey);
     MadeSceneOptions made;
@@ -61,7 +61,7 @@ TEST_F(IncrementalTest, PlacesAllImagesOfASurvey) {
   EXPECT_EQ(model.map.poses.size(), scene_.images.size());
   EXPECT_LT(Align(model.map).rms_m, 0.02);
   EXPECT_LT(model.report.errors.rms_px, 0.8);
-  EXPECT_GT(model.report.num_points, 400);
+  EXPECT_GT(model.report.num_points, 500);
   EXPECT_FALSE(model.report.scale_held) << "a calibrated port is asked for the scale";
 }
 

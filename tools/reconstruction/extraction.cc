@@ -6,6 +6,7 @@
 
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/mapping/front_end.h"
+#include "tools/map/image_files.h"
 #include "tools/offline/parallel_progress.h"
 
 namespace rsfm {

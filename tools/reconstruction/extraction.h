@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "rsfm/mapping/mapper_options.h"
-#include "tools/map/image_files.h"
+#include "tools/feed/image_list.h"
 #include "tools/reconstruction/image_features.h"
 
 namespace rsfm {

@@ -72,7 +72,8 @@ class Reconstructor {
   bool RefinesPort() const { return rsfm::RefinesPort(camera_.port.type, options_.bundle.port); }
   // Whether the bent rays are asked for the scale.
   bool ScaleFromRefraction() const {
-    return camera_.port.type != PortType::kNone && !RefinesPort() && !options_.bundle.lens.Any();
+    return camera_.port.type != PortType::kNone && !RefinesPort() && !options_.bundle.lens.Any() &&
+           !model_.start.baseline_from_navigation;
   }
 
   bool Start() {

@@ -2,7 +2,8 @@
 // window after each and of everything as the map grows; what does not connect begins another model.
 // [Schoenberger & Frahm 2016, CVPR, "Structure-from-Motion Revisited"]
 //
-// Scale: with navigation from it. Without, from the bent rays of a calibrated port as far as they
+// Scale: with navigation from it; from the first pair's baseline where its length is known, held.
+// Else from the bent rays of a calibrated port as far as they
 // tell (a baseline prior of 30 % keeps it from wandering where they do not); where the port is
 // refined or there is none it is that of the first pair, held.
 #pragma once
@@ -30,7 +31,7 @@ struct IncrementalOptions {
   int refine_from = 8;     // images from which on lens and port are refined
   int min_model_images = 3;
   int max_models = 20;
-  int max_rounds = 6;         // of adjustment, filter and completion when all images are placed
+  int max_rounds = 4;         // of adjustment, filter and completion when all images are placed
   double min_change = 0.002;  // the rounds end when observations change by no more than this
   double min_improvement = 0.002;  // and the mean error falls by no more than this
   // Brings the scene into navigation's frame and sets its priors.

@@ -196,7 +196,8 @@ class Reconstruction {
         return StartOptions::Baseline{request_.first_baseline_m, 1e-3 * request_.first_baseline_m};
       return UsesNavigation() ? at_images_->BaselineOf(a, b) : std::nullopt;
     };
-    if (at_images_) options.navigate = [this](Scene* scene) { Navigate(scene); };
+    if (at_images_ && !request_.nav_scale_only)
+      options.navigate = [this](Scene* scene) { Navigate(scene); };
     options.progress = [this](const std::string& what, double part) { return Tell(what, part); };
     options.checkpoint = [this](const std::string& bytes) {
       checkpoint_status_ = WriteFileAtomically(CheckpointPath(), bytes);
@@ -227,7 +228,8 @@ class Reconstruction {
     AppendBinary(&text, static_cast<std::uint64_t>(result_.num_verified_matches));
     for (const double value : camera_.lens_params) AppendBinary(&text, value);
     for (const double value : camera_.port.Params()) AppendBinary(&text, value);
-    for (const bool flag : {request_.refine_port, request_.refine_lens, request_.uwpinhole})
+    for (const bool flag :
+         {request_.refine_port, request_.refine_lens, request_.uwpinhole, request_.nav_scale_only})
       AppendBinary(&text, static_cast<std::uint8_t>(flag));
     AppendBinary(&text, request_.first_baseline_m);
     AppendBinary(&text, request_.seed);
@@ -299,9 +301,9 @@ class Reconstruction {
     PutBack(from.map, &scene_);
     ReconstructedModel model;
     model.report = from.report;
-    Navigate(&scene_);
+    if (!request_.nav_scale_only) Navigate(&scene_);
     model.alignment = alignment_;
-    if (UsesNavigation()) model.residuals = at_images_->Compare(scene_);
+    if (UsesNavigation() && !request_.nav_scale_only) model.residuals = at_images_->Compare(scene_);
     model.camera = scene_.camera;
     if (scene_.camera.port.type != PortType::kNone || bundle.lens.Any()) {
       const auto observability =
@@ -327,7 +329,7 @@ class Reconstruction {
 
   // The world is navigation's, or the first image's camera.
   void DescribeWorld(const ReconstructedModel& model, World* world) {
-    world->scale_is_metric = model.alignment.scale || request_.first_baseline_m > 0.0;
+    world->scale_is_metric = model.alignment.scale || model.report.start.baseline_from_navigation;
     if (model.alignment.attitude) {
       world->frame = WorldFrame::kNed;
       return;

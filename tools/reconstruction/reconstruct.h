@@ -28,6 +28,7 @@ struct ReconstructRequest {
   bool refine_port = false;
   bool refine_lens = false;
   bool uwpinhole = false;
+  bool nav_scale_only = false;    // navigation gives the first pair's baseline and nothing else
   double first_baseline_m = 0.0;  // length of the first pair's baseline, where it is known; 0: not
   std::uint64_t seed = 1;
   int num_threads = 2;

@@ -28,6 +28,8 @@ Json LeftOutJson(const std::vector<LeftOutImage>& images) {
 std::string ScaleSource(const ReconstructRequest& request, const ReconstructedModel& model) {
   if (model.alignment.scale) return "navigation";
   if (request.first_baseline_m > 0.0) return "length given for the first pair's baseline";
+  if (model.report.start.baseline_from_navigation)
+    return "first pair's baseline as navigation has it, held";
   if (!model.report.scale_held) return "refraction alone: see scale_sigma";
   return "unknown: length of the first pair's baseline, held";
 }

@@ -22,6 +22,7 @@ ReconstructRequest ToRequest(const ReconstructOptions& options) {
   request.refine_port = options.refine_port;
   request.refine_lens = options.refine_lens;
   request.uwpinhole = options.uwpinhole;
+  request.nav_scale_only = options.nav_scale_only;
   request.first_baseline_m = options.first_baseline_m;
   request.seed = options.seed;
   request.num_threads = options.threads > 0
@@ -41,8 +42,10 @@ void PrintModel(const ReconstructRequest& request, const ReconstructedModel& mod
               model.report.errors.rms_px);
   if (model.alignment.scale) {
     std::printf("  scale      from navigation\n");
-  } else if (request.first_baseline_m > 0.0) {
-    std::printf("  scale      from the length given for the first pair's baseline\n");
+  } else if (model.report.start.baseline_from_navigation) {
+    std::printf("  scale      from the first pair's baseline, %.4f m as %s, held\n",
+                model.report.start.baseline_m,
+                request.first_baseline_m > 0.0 ? "given" : "navigation has it");
   } else if (!model.report.scale_held && model.observability) {
     std::printf("  scale      from refraction alone, +- %.2g %%\n",
                 100.0 * model.observability->scale_sigma);
@@ -81,7 +84,10 @@ CLI::App* DeclareReconstruct(CLI::App& app, ReconstructOptions* options) {
   verb->add_option("--out", options->out, "model folder to write")->required();
   verb->add_option("--work", options->work,
                    "folder for features, matches and checkpoints; default: OUT.work");
-  verb->add_option("--nav", options->nav, "NAV.csv: scale, frame and priors");
+  CLI::Option* nav = verb->add_option("--nav", options->nav, "NAV.csv: scale, frame and priors");
+  verb->add_flag("--nav-scale-only", options->nav_scale_only,
+                 "navigation gives the first pair's baseline and nothing else")
+      ->needs(nav);
   verb->add_option("--times", options->times, "IMAGES.csv: image,utime");
   CLI::Option* port = verb->add_flag("--refine-port", options->refine_port,
                                      "flat: normal and distance; dome: centre");
