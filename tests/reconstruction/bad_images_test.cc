@@ -10,6 +10,7 @@
 
 #include "rsfm/base/rng.h"
 #include "rsfm/io/atomic_output.h"
+#include "rsfm/io/rig.h"
 #include "rsfm/io/tables.h"
 #include "tests/support/run_program.h"
 
@@ -192,7 +193,7 @@ TEST_F(BadImagesTest, ARunThatIsKilledContinues) {
   EXPECT_EQ(ReadReport()["seconds"]["features_from_cache"], kNumImages);
 }
 
-TEST_F(BadImagesTest, ALensWrongByTenPercentIsWorseThanTheRightOne) {
+TEST_F(BadImagesTest, ALensWrongByTenPercentIsWorseThanTheRightOneAndIsMended) {
   ASSERT_EQ(Reconstruct().exit_code, 0);
   const double right = ReadReport()["models"][0]["rms_error_px"];
   std::string rig = *ReadWholeFile(Mission() / "rig.yaml");
@@ -200,13 +201,23 @@ TEST_F(BadImagesTest, ALensWrongByTenPercentIsWorseThanTheRightOne) {
   ASSERT_NE(at, std::string::npos);
   rig.replace(at, 3, "282");  // fx alone: no scene explains that
   ASSERT_TRUE(WriteFileAtomically(Path("wrong.yaml"), rig));
-  const ProgramResult with_wrong_rig =
-      RunProgram(std::string(RSFM_TOOL) + " reconstruct " + Path("images").string() + " --camera " +
-                 Path("wrong.yaml").string() + " --out " + Path("model").string() + " --work " +
-                 Path("work").string());
-  ASSERT_EQ(with_wrong_rig.exit_code, 0) << with_wrong_rig.err;
-  const double wrong = ReadReport()["models"][0]["rms_error_px"];
+  const auto reconstruct_wrong = [&](const std::string& more) {
+    const ProgramResult result =
+        RunProgram(std::string(RSFM_TOOL) + " reconstruct " + Path("images").string() +
+                   " --camera " + Path("wrong.yaml").string() + " --out " + Path("model").string() +
+                   " --work " + Path("work").string() + more);
+    EXPECT_EQ(result.exit_code, 0) << result.err;
+    return ReadReport()["models"][0]["rms_error_px"].get<double>();
+  };
+  const double wrong = reconstruct_wrong("");
   EXPECT_GT(wrong, 1.05 * right);
+
+  const double refined = reconstruct_wrong(" --refine-lens");
+  EXPECT_LT(refined, 1.02 * right);
+  const auto model = ParseRig(*ReadWholeFile(Path("model/rig.yaml")), "rig.yaml");
+  ASSERT_TRUE(model);
+  const auto& params = model->camera.lens_params;
+  EXPECT_NEAR(params[0] / params[1], 1.0, 0.02);  // 1.1 in the wrong one
 }
 
 }  // namespace

@@ -4,12 +4,13 @@
 #include <chrono>
 #include <cmath>
 
+#include "tools/reconstruction/consistency.h"
 #include "tools/reconstruction/next_image.h"
 
 namespace rsfm {
 namespace {
 
-constexpr std::uint32_t kCheckpointVersion = 1;
+constexpr std::uint32_t kCheckpointVersion = 2;
 constexpr double kSoftScale = 0.3;  // sigma of the scale between two adjustments, a ratio
 
 // Adds what it measures to a total.
@@ -84,6 +85,7 @@ class Reconstructor {
         PlaceStartPair(graph_, pairs_, used_, options_.start, &tried_starts_, &scene_);
     if (!start) return false;
     model_ = {};
+    is_growing_ = true;
     model_.start = *start;
     next_.TouchAll();
     adjusted_at_ = 0;
@@ -97,7 +99,7 @@ class Reconstructor {
     if (options_.navigate) options_.navigate(&scene_);
     SceneBundle bundle = ToBundle(scene_);
     BundleOptions adjust = options_.bundle;
-    if (scene_.NumPlaced() < options_.refine_from) {
+    if (is_growing_ && scene_.NumPlaced() < options_.refine_from) {
       adjust.lens = {};
       adjust.port = {};
     }
@@ -152,6 +154,18 @@ class Reconstructor {
     return tried;
   }
 
+  // Images that a repeated pattern has put where stronger pairs say they are not: taken off, to be
+  // placed again. False when there is none or it has been tried often enough.
+  bool TakeOffContradicted() {
+    constexpr int kMaxTimes = 3;
+    if (model_.times_taken_off >= kMaxTimes) return false;
+    const std::vector<int> images = ContradictedImages(pairs_, scene_);
+    if (images.empty()) return false;
+    ++model_.times_taken_off;
+    for (const int image : images) scene_.Unplace(image);
+    return true;
+  }
+
   // Places image after image until none is left that can be.
   Status Grow() {
     std::vector<std::uint8_t> closed = used_, tried_pairs = PairsOfUsedImages();
@@ -168,7 +182,8 @@ class Reconstructor {
     while (left-- > 0 && Tell("placing images", PartPlaced())) {
       int placed = -1;
       if (!PlaceOne(&closed, &tried_pairs, &placed)) {
-        if (result_.interrupted || adjusted_at_ == scene_.NumPlaced()) break;
+        if (result_.interrupted) break;
+        if (adjusted_at_ == scene_.NumPlaced() && !TakeOffContradicted()) break;
         // Images that failed may succeed in the adjusted map.
         if (const Status s = AdjustAll("adjusting", 25, 1e-5); !s) return s;
         if (!result_.interrupted) reopen();
@@ -195,6 +210,7 @@ class Reconstructor {
 
   // Rounds until they bring nothing, then the model is put away.
   Status Finish() {
+    is_growing_ = false;
     ErrorSummary before;
     for (int round = 0; round < options_.max_rounds; ++round) {
       BundleReport bundle;
@@ -228,6 +244,7 @@ class Reconstructor {
     model_.num_points = scene_.NumPoints();
     model_.num_observations = scene_.NumObservations();
     model_.errors = SceneErrors(scene_);
+    model_.num_contradicted = static_cast<int>(ContradictedImages(pairs_, scene_).size());
     if (model_.num_images < options_.min_model_images) return;
     for (std::size_t i = 0; i < used_.size(); ++i)
       if (scene_.images[i].placed) used_[i] = 1;
@@ -251,8 +268,9 @@ class Reconstructor {
   }
 
   static void AppendReport(const ModelReport& report, std::string* bytes) {
-    for (const int value : {report.start.images.a, report.start.images.b, report.num_images,
-                            report.num_points, report.num_observations, report.rounds})
+    for (const int value :
+         {report.start.images.a, report.start.images.b, report.num_images, report.num_points,
+          report.num_observations, report.rounds, report.times_taken_off, report.num_contradicted})
       AppendBinary(bytes, static_cast<std::int32_t>(value));
     for (const bool value : {report.start.baseline_from_navigation,
                              report.start.baseline_from_refraction, report.scale_held})
@@ -265,7 +283,8 @@ class Reconstructor {
 
   static bool ReadReport(BinaryReader* reader, ModelReport* report) {
     for (int* value : {&report->start.images.a, &report->start.images.b, &report->num_images,
-                       &report->num_points, &report->num_observations, &report->rounds})
+                       &report->num_points, &report->num_observations, &report->rounds,
+                       &report->times_taken_off, &report->num_contradicted})
       reader->Read(value);
     for (bool* value : {&report->start.baseline_from_navigation,
                         &report->start.baseline_from_refraction, &report->scale_held}) {
@@ -316,6 +335,7 @@ class Reconstructor {
   NextImage next_;
   std::vector<std::uint8_t> used_;  // images of finished models
   std::vector<std::uint8_t> tried_starts_;
+  bool is_growing_ = true;  // images may still be placed
   int adjusted_at_ = 0;
   ModelReport model_;
   IncrementalResult result_;

@@ -28,7 +28,7 @@ struct IncrementalOptions {
   double growth = 0.2;     // more images since the last global adjustment: another one
   int growth_images = 80;  // or this many more
   int window_from = 12;    // images from which on windows are adjusted between global adjustments
-  int refine_from = 8;     // images from which on lens and port are refined
+  int refine_from = 8;     // images from which on lens and port are refined while it grows
   int min_model_images = 3;
   int max_models = 20;
   int max_rounds = 4;         // of adjustment, filter and completion when all images are placed
@@ -47,6 +47,8 @@ struct ModelReport {
   bool scale_held = true;  // neither navigation nor the bent rays determine it
   int num_images = 0, num_points = 0, num_observations = 0;
   int rounds = 0;
+  int times_taken_off = 0;   // that contradicted images have been taken off and placed again
+  int num_contradicted = 0;  // images that are contradicted still (consistency.h)
   BundleReport last_bundle;
   ErrorSummary errors;
 };

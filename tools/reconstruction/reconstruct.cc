@@ -376,6 +376,14 @@ class Reconstruction {
                                  " image(s) not placed: " + first.image + " " + first.reason +
                                  (result_.not_placed.size() > 1 ? "; ..." : ""));
     }
+    for (const ReconstructedModel& model : result_.models) {
+      if (model.report.num_contradicted == 0) continue;
+      result_.warnings.push_back(
+          std::to_string(model.report.num_contradicted) + " of " +
+          std::to_string(model.report.num_images) +
+          " images stand where matches with their neighbours contradict: patterns that repeat; "
+          "the map is not to be trusted there. Give navigation (--nav), or leave the images out");
+    }
     const double rms = result_.models[0].report.errors.rms_px;
     if (rms > 1.5) {
       char text[200];

@@ -76,6 +76,7 @@ Json ModelJson(const ReconstructRequest& request, const ReconstructResult& resul
       {"images", model.report.num_images},
       {"points", model.report.num_points},
       {"observations", model.report.num_observations},
+      {"contradicted_images", model.report.num_contradicted},
       {"mean_error_px", model.report.errors.mean_px},
       {"rms_error_px", model.report.errors.rms_px},
       {"first_pair",
