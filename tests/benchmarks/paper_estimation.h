@@ -1,10 +1,10 @@
 // The baseline of estimation_bench: the paper's estimators written plainly.   [She 2024,
 // arXiv:2403.08640, "Absolute Pose Estimation", "Relative Pose Estimation"]
 //   Absolute: virtual cameras, GP3P in RANSAC with inlier counting on the virtual image, at least
-//   100 trials, then Gauss-Newton of the virtual-image error with numeric derivatives. Relative:
-//   the best-fit perspective camera with distortion, five-point in RANSAC with inlier counting on
-//   the Sampson distance, at least 100 trials, then Gauss-Newton of the virtual epipolar cost in
-//   six degrees of freedom with numeric derivatives.
+//   100 trials, then Levenberg-Marquardt of the virtual-image error with numeric derivatives.
+//   Relative: the best-fit perspective camera with distortion, five-point in RANSAC with inlier
+//   counting on the Sampson distance, at least 100 trials, then Levenberg-Marquardt of the virtual
+//   epipolar cost in six degrees of freedom with numeric derivatives.
 #pragma once
 
 #include <Eigen/Cholesky>
@@ -23,9 +23,14 @@ inline constexpr int kMinTrials = 100;
 inline constexpr int kMaxTrials = 10000;
 inline constexpr double kConfidence = 0.99999;
 
-// Residuals of a pose; Gauss-Newton with forward differences, at most 10 steps.
+// Residuals of a pose; Levenberg-Marquardt with forward differences, at most 10 steps.
 using Residuals = std::function<std::vector<double>(const Rigid3&)>;
 inline Rigid3 MinimiseNumerically(Rigid3 pose, const Residuals& residuals) {
+  const auto vector_of = [](const std::vector<double>& values) {
+    return Eigen::Map<const Eigen::VectorXd>(values.data(),
+                                             static_cast<Eigen::Index>(values.size()));
+  };
+  double damping = 1e-4;
   for (int step = 0; step < 10; ++step) {
     const std::vector<double> error = residuals(pose);
     Eigen::MatrixXd jacobian(error.size(), 6);
@@ -33,13 +38,18 @@ inline Rigid3 MinimiseNumerically(Rigid3 pose, const Residuals& residuals) {
       const std::vector<double> moved = residuals(Perturb(pose, 1e-6 * Vec6::Unit(k)));
       for (std::size_t i = 0; i < error.size(); ++i) jacobian(i, k) = (moved[i] - error[i]) / 1e-6;
     }
-    const Eigen::Map<const Eigen::VectorXd> r(error.data(),
-                                              static_cast<Eigen::Index>(error.size()));
     Mat6 information = jacobian.transpose() * jacobian;
-    information.diagonal() *= 1.0 + 1e-6;
-    const Vec6 change = information.ldlt().solve(-jacobian.transpose() * r);
-    pose = Perturb(pose, change);
-    if (change.norm() < 1e-8) break;
+    information.diagonal() *= 1.0 + damping;
+    const Vec6 change = information.ldlt().solve(-jacobian.transpose() * vector_of(error));
+    const Rigid3 candidate = Perturb(pose, change);
+    const std::vector<double> after = residuals(candidate);
+    if (vector_of(after).squaredNorm() < vector_of(error).squaredNorm()) {
+      pose = candidate;
+      damping *= 0.1;
+      if (change.norm() < 1e-8) break;
+    } else {
+      damping *= 10.0;
+    }
   }
   return pose;
 }
@@ -168,7 +178,8 @@ inline Rigid3 RelativePose(const AnyCamera& camera, const std::vector<Vec2>& pix
       const Mat3 essential = Hat(between.translation) * between.rotation.toRotationMatrix();
       const Vec3 a = rays_a[i].direction / rays_a[i].direction.z(),
                  b = rays_b[i].direction / rays_b[i].direction.z();
-      residuals.push_back(b.dot(essential * a));
+      // Over the baseline, or the cost would vanish with it.
+      residuals.push_back(b.dot(essential * a) / candidate.translation.norm());
     }
     return residuals;
   });
