@@ -32,7 +32,9 @@ std::vector<std::pair<std::int32_t, std::int32_t>> MatchedPoints(const Correspon
   return result;
 }
 
-bool AdjustAll(const PlacingOptions& options, Scene* scene) {
+}  // namespace
+
+bool AdjustAndFilter(const PlacingOptions& options, Scene* scene) {
   SceneBundle bundle = ToBundle(*scene);
   BundleOptions adjust;
   adjust.max_iterations = 30;
@@ -41,8 +43,6 @@ bool AdjustAll(const PlacingOptions& options, Scene* scene) {
   FilterScene(options.filter, scene);
   return true;
 }
-
-}  // namespace
 
 bool PlaceFirstPair(const CorrespondenceGraph& graph, const std::vector<VerifiedPair>& pairs,
                     const PlacingOptions& options, Scene* scene) {
@@ -70,7 +70,7 @@ bool PlaceFirstPair(const CorrespondenceGraph& graph, const std::vector<Verified
     TrackOptions generous = options.tracks;
     generous.max_error_px *= 3.0;
     UpdateTracksOf(pair->images.a, graph, generous, &trial);
-    if (!AdjustAll(options, &trial)) continue;
+    if (!AdjustAndFilter(options, &trial)) continue;
     UpdateTracksOf(pair->images.a, graph, options.tracks, &trial);
     if (!a.placed || !b.placed || trial.NumPoints() < options.min_start_matches / 2) continue;
     *scene = std::move(trial);

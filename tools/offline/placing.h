@@ -24,6 +24,10 @@ struct PlacingOptions {
   std::uint64_t seed = 1;
 };
 
+// Global adjustment of the little that a start is, then the filter. False when the solver fails;
+// the scene is then as it was.
+bool AdjustAndFilter(const PlacingOptions& options, Scene* scene);
+
 // Places the best first pair: world is the first image's camera. False when none is good enough.
 // Precondition: no image is placed, no point is there.
 bool PlaceFirstPair(const CorrespondenceGraph& graph, const std::vector<VerifiedPair>& pairs,

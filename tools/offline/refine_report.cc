@@ -1,24 +1,13 @@
 // report.json of a refinement.
-#include <nlohmann/json.hpp>
 #include <string_view>
 
 #include "tools/offline/refine_mission.h"
+#include "tools/offline/report_json.h"
 
 namespace rsfm {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-Json CameraJson(const CameraConfig& camera) {
-  Json json;
-  json["model"] = ToString(camera.lens);
-  json["params"] = std::vector<double>(camera.lens_params.begin(), camera.lens_params.end());
-  Json port;
-  port["type"] = ToString(camera.port.type);
-  if (camera.port.type != PortType::kNone) port["params"] = camera.port.Params();
-  json["port"] = port;
-  return json;
-}
 
 Json RoundJson(const RefineRound& round) {
   return {{"refines_camera", round.refines_camera},
@@ -51,19 +40,9 @@ Json GaugeJson(const RefineResult& result) {
 }
 
 Json ObservabilityJson(const ObservabilityReport& report) {
-  Json parameters = Json::array();
-  for (const ParameterEstimate& p : report.parameters) {
-    parameters.push_back({{"name", p.name},
-                          {"start", p.start},
-                          {"value", p.value},
-                          {"sigma", p.sigma},
-                          {"prior_sigma", p.prior_sigma},
-                          {"scale_correlation", p.scale_correlation},
-                          {"verdict", p.verdict}});
-  }
   return {{"noise_px", report.noise_px},
           {"scale_sigma_from_images", report.scale_sigma},
-          {"parameters", parameters}};
+          {"parameters", ParametersJson(report)}};
 }
 
 }  // namespace

@@ -1,21 +1,11 @@
 // report.json of a reconstruction.
-#include <nlohmann/json.hpp>
-
+#include "tools/offline/report_json.h"
 #include "tools/reconstruction/reconstruct.h"
 
 namespace rsfm {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-Json CameraJson(const CameraConfig& camera) {
-  Json json;
-  json["model"] = ToString(camera.lens);
-  json["params"] = std::vector<double>(camera.lens_params.begin(), camera.lens_params.end());
-  json["port"] = {{"type", ToString(camera.port.type)}};
-  if (camera.port.type != PortType::kNone) json["port"]["params"] = camera.port.Params();
-  return json;
-}
 
 Json LeftOutJson(const std::vector<LeftOutImage>& images) {
   Json json = Json::array();
@@ -54,19 +44,9 @@ Json NavigationJson(const ReconstructedModel& model) {
 }
 
 Json ObservabilityJson(const ObservabilityReport& report) {
-  Json parameters = Json::array();
-  for (const ParameterEstimate& p : report.parameters) {
-    parameters.push_back({{"name", p.name},
-                          {"start", p.start},
-                          {"value", p.value},
-                          {"sigma", p.sigma},
-                          {"prior_sigma", p.prior_sigma},
-                          {"scale_correlation", p.scale_correlation},
-                          {"verdict", p.verdict}});
-  }
   return {{"noise_px", report.noise_px},
           {"scale_sigma", report.scale_sigma},
-          {"parameters", parameters}};
+          {"parameters", ParametersJson(report)}};
 }
 
 Json ModelJson(const ReconstructRequest& request, const ReconstructResult& result,

@@ -72,16 +72,6 @@ void ForgetAll(Scene* scene) {
   scene->points.clear();
 }
 
-bool AdjustAndFilter(const PlacingOptions& options, Scene* scene) {
-  SceneBundle bundle = ToBundle(*scene);
-  BundleOptions adjust;
-  adjust.max_iterations = 30;
-  if (!AdjustBundle(adjust, &bundle.problem)) return false;
-  FromBundle(bundle, scene);
-  FilterScene(options.filter, scene);
-  return true;
-}
-
 }  // namespace
 
 std::optional<StartPair> PlaceStartPair(const CorrespondenceGraph& graph,

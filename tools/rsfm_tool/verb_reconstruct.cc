@@ -7,6 +7,7 @@
 #include "tools/common/exit.h"
 #include "tools/common/stage_progress.h"
 #include "tools/reconstruction/reconstruct.h"
+#include "tools/rsfm_tool/camera_flags.h"
 
 namespace rsfm {
 namespace {
@@ -89,13 +90,7 @@ CLI::App* DeclareReconstruct(CLI::App& app, ReconstructOptions* options) {
                  "navigation gives the first pair's baseline and nothing else")
       ->needs(nav);
   verb->add_option("--times", options->times, "IMAGES.csv: image,utime");
-  CLI::Option* port = verb->add_flag("--refine-port", options->refine_port,
-                                     "flat: normal and distance; dome: centre");
-  verb->add_flag("--refine-lens", options->refine_lens,
-                 "focal length, principal point and distortion");
-  verb->add_flag("--uwpinhole", options->uwpinhole,
-                 "the usual approximation, for comparison: no port, a lens made to absorb it")
-      ->excludes(port);
+  AddCameraFlags(verb, &options->refine_port, &options->refine_lens, &options->uwpinhole);
   verb->add_option("--first-baseline", options->first_baseline_m,
                    "length of the first pair's baseline [m], where it is known")
       ->check(CLI::PositiveNumber);

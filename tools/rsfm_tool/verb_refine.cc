@@ -5,6 +5,7 @@
 #include "tools/common/exit.h"
 #include "tools/common/stage_progress.h"
 #include "tools/offline/refine_mission.h"
+#include "tools/rsfm_tool/camera_flags.h"
 
 namespace rsfm {
 namespace {
@@ -47,13 +48,7 @@ CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options) {
   verb->add_option("input", options->input, "mission or model folder")->required();
   verb->add_option("--out", options->out, "model folder to write")->required();
   verb->add_option("--nav", options->nav, "NAV.csv, in place of the mission's own navigation");
-  CLI::Option* port = verb->add_flag("--refine-port", options->refine_port,
-                                     "flat: normal and distance; dome: centre");
-  verb->add_flag("--refine-lens", options->refine_lens,
-                 "focal length, principal point and distortion");
-  verb->add_flag("--uwpinhole", options->uwpinhole,
-                 "the usual approximation, for comparison: no port, a lens made to absorb it")
-      ->excludes(port);
+  AddCameraFlags(verb, &options->refine_port, &options->refine_lens, &options->uwpinhole);
   verb->add_option("--loss", options->loss, "robust loss of image errors: cauchy, huber or none")
       ->check(CLI::IsMember({"cauchy", "huber", "none"}))
       ->capture_default_str();
