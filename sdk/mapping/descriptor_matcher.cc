@@ -6,15 +6,7 @@
 #include <cstring>
 #include <limits>
 
-// One clone of the inner loops per vector width, chosen when the program is loaded: the distances
-// are integers, so all give the same result. Not under a sanitizer, whose runtime is not up by
-// then.
-#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__SANITIZE_ADDRESS__) && \
-    !defined(__SANITIZE_THREAD__)
-#define RSFM_VECTOR_CLONES __attribute__((target_clones("avx2", "popcnt", "default")))
-#else
-#define RSFM_VECTOR_CLONES
-#endif
+#include "rsfm/mapping/vector_clones.h"
 
 namespace rsfm {
 namespace {

@@ -8,11 +8,21 @@
 #pragma once
 
 #include <memory>
+#include <span>
 
 #include "rsfm/base/error.h"
 #include "rsfm/mapping/feature.h"
 
 namespace rsfm {
+
+// What is known of an image before it is looked at.
+struct FrameHints {
+  // Descriptors, though the image would be no keyframe.
+  bool want_descriptors = false;
+  // Video: where each feature of the image before is expected in this one, in that image's order;
+  // not finite where nothing is known. Empty: expect the motion of the image before.
+  std::span<const Vec2> expected_px = {};
+};
 
 class FrontEnd {
  public:
@@ -28,7 +38,7 @@ class FrontEnd {
   // Allocates only inside OpenCV and for OpenCV's own containers: bounded by the image's size and
   // max_features.
   virtual Expected<FrameObservations> Process(const ImageView& image, Utime utime,
-                                              bool want_descriptors) = 0;
+                                              const FrameHints& hints) = 0;
 
   // Heap held between calls, OpenCV's scratch memory apart.
   virtual std::size_t bytes() const = 0;

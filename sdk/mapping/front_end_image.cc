@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstring>
 #include <opencv2/features2d.hpp>
-#include <opencv2/imgproc.hpp>
 
 namespace rsfm {
 namespace {
@@ -34,33 +33,44 @@ std::shared_ptr<cv::Feature2D> MakeFeature2D(DescriptorType type, int max_featur
   return cv::SIFT::create(max_features, 3, 0.02);
 }
 
-Status PrepareGrey(const ImageView& image, int width_px, int height_px, double contrast_limit,
-                   cv::Mat* grey) {
+GreyImage::GreyImage(const MapperOptions& options, int width_px, int height_px)
+    : width_(width_px),
+      height_(height_px),
+      pixels_(static_cast<std::size_t>(width_px) * static_cast<std::size_t>(height_px)),
+      mask_(pixels_.capacity()),
+      contrast_(width_px, height_px, options.contrast_limit) {
+  pixels_.TryResize(pixels_.capacity());
+  mask_.TryResize(mask_.capacity());
+  std::fill(mask_.begin(), mask_.end(), std::uint8_t{255});
+  for (const MaskRectangle& r : options.mask) {
+    const int left = std::clamp(r.left, 0, width_), right = std::clamp(r.right, 0, width_);
+    for (int y = std::max(r.top, 0); y < std::min(r.bottom, height_); ++y) {
+      std::uint8_t* row = mask_.data() + static_cast<std::ptrdiff_t>(y) * width_;
+      std::fill(row + left, row + right, std::uint8_t{0});
+    }
+  }
+}
+
+Status GreyImage::Take(const ImageView& image) noexcept {
   const bool sane = image.data != nullptr && (image.channels == 1 || image.channels == 3) &&
                     image.stride_bytes >= image.width * image.channels;
   if (!sane) return Fail(Errc::kInvalidArgument, "image");
-  if (image.width != width_px || image.height != height_px)
-    return Fail(Errc::kInvalidArgument, "size");
-  // OpenCV takes no const data; it is only read here.
-  const cv::Mat source(image.height, image.width, image.channels == 3 ? CV_8UC3 : CV_8UC1,
-                       const_cast<std::uint8_t*>(image.data),
-                       static_cast<std::size_t>(image.stride_bytes));
-  if (image.channels == 3) {
-    cv::cvtColor(source, *grey, cv::COLOR_BGR2GRAY);
-  } else {
-    source.copyTo(*grey);
+  if (image.width != width_ || image.height != height_) return Fail(Errc::kInvalidArgument, "size");
+  for (int y = 0; y < height_; ++y) {
+    const std::uint8_t* from = image.data + static_cast<std::ptrdiff_t>(y) * image.stride_bytes;
+    std::uint8_t* to = pixels_.data() + static_cast<std::ptrdiff_t>(y) * width_;
+    if (image.channels == 1) {
+      std::copy(from, from + width_, to);
+      continue;
+    }
+    // Luma of ITU-R BT.601 in 15 bits.
+    for (int x = 0; x < width_; ++x) {
+      const int luma = 3735 * from[3 * x] + 19235 * from[3 * x + 1] + 9798 * from[3 * x + 2];
+      to[x] = static_cast<std::uint8_t>((luma + 16384) >> 15);
+    }
   }
-  if (contrast_limit > 0.0) cv::createCLAHE(contrast_limit, cv::Size(8, 8))->apply(*grey, *grey);
+  contrast_.Apply(pixels_.data(), width_);
   return {};
-}
-
-void DrawMask(const ImageMask& mask, int width_px, int height_px, cv::Mat* drawn) {
-  *drawn = cv::Mat(height_px, width_px, CV_8UC1, cv::Scalar(255));
-  const cv::Rect image(0, 0, width_px, height_px);
-  for (const MaskRectangle& r : mask) {
-    const cv::Rect part = image & cv::Rect(cv::Point(r.left, r.top), cv::Point(r.right, r.bottom));
-    if (!part.empty()) (*drawn)(part).setTo(0);
-  }
 }
 
 void PackDescriptor(DescriptorType type, const cv::Mat& descriptors, int row,

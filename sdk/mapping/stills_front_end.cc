@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <opencv2/features2d.hpp>
 #include <tuple>
+#include <vector>
 
 #include "rsfm/base/fixed_vector.h"
 #include "rsfm/mapping/front_end_image.h"
@@ -13,22 +14,22 @@ class StillsFrontEnd final : public FrontEnd {
  public:
   StillsFrontEnd(const MapperOptions& options, int width_px, int height_px)
       : options_(options),
-        width_px_(width_px),
-        height_px_(height_px),
+        grey_(options, width_px, height_px),
         detector_(MakeFeature2D(options.descriptor, options.max_features)),
         features_(static_cast<std::size_t>(options.max_features)),
         descriptors_(static_cast<std::size_t>(options.max_features) *
                      static_cast<std::size_t>(DescriptorStride(options.descriptor))) {
-    DrawMask(options.mask, width_px, height_px, &mask_);
     descriptors_.TryResize(descriptors_.capacity());
   }
 
   Expected<FrameObservations> Process(const ImageView& image, Utime utime,
-                                      bool /*want_descriptors*/) override try {
-    const Status status =
-        PrepareGrey(image, width_px_, height_px_, options_.contrast_limit, &grey_);
-    if (!status) return tl::unexpected(status.error());
-    detector_->detectAndCompute(grey_, mask_, keypoints_, cv_descriptors_);
+                                      const FrameHints& /*hints*/) override try {
+    if (const Status status = grey_.Take(image); !status) return tl::unexpected(status.error());
+    // OpenCV takes no const data; it only reads.
+    const cv::Mat grey(grey_.height_px(), grey_.width_px(), CV_8UC1, grey_.data());
+    const cv::Mat mask(grey_.height_px(), grey_.width_px(), CV_8UC1,
+                       const_cast<std::uint8_t*>(grey_.mask().data()));
+    detector_->detectAndCompute(grey, mask, keypoints_, cv_descriptors_);
     SelectStrongest();
     for (std::size_t i = 0; i < order_.size(); ++i) {
       const cv::KeyPoint& keypoint = keypoints_[order_[i]];
@@ -49,7 +50,7 @@ class StillsFrontEnd final : public FrontEnd {
   }
 
   std::size_t bytes() const override {
-    return features_.bytes() + descriptors_.bytes() + grey_.total() + mask_.total();
+    return features_.bytes() + descriptors_.bytes() + grey_.bytes();
   }
 
  private:
@@ -67,9 +68,9 @@ class StillsFrontEnd final : public FrontEnd {
   }
 
   MapperOptions options_;
-  int width_px_, height_px_;
+  GreyImage grey_;
   std::shared_ptr<cv::Feature2D> detector_;
-  cv::Mat grey_, mask_, cv_descriptors_;
+  cv::Mat cv_descriptors_;
   std::vector<cv::KeyPoint> keypoints_;
   std::vector<int> order_;
   FixedVector<Feature> features_;

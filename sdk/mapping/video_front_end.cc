@@ -3,19 +3,22 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/features2d.hpp>
-#include <opencv2/imgproc.hpp>
-#include <opencv2/video/tracking.hpp>
-#include <tuple>
+#include <vector>
 
 #include "rsfm/base/fixed_vector.h"
+#include "rsfm/mapping/corner_detector.h"
 #include "rsfm/mapping/front_end_image.h"
+#include "rsfm/mapping/point_tracker.h"
 
 namespace rsfm {
 namespace {
 
-constexpr int kPyramidLevels = 4;
-constexpr double kMinCornerQuality = 0.005;  // of the strongest corner in the image
+constexpr float kMinCornerQuality = 0.005f;  // of the strongest corner in the image
+constexpr float kMinCorner = 0.5f;           // (grey / px)^2: twice what the noise of 8 bits makes
 constexpr float kPatchSize = 31.0f;          // px, of the description
+constexpr int kCandidatesPerShare = 4;       // corners of a cell that its share is chosen from
+
+std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
 class VideoFrontEnd final : public FrontEnd {
  public:
@@ -25,25 +28,30 @@ class VideoFrontEnd final : public FrontEnd {
         height_px_(height_px),
         columns_((width_px + options.grid_cell_px - 1) / options.grid_cell_px),
         rows_((height_px + options.grid_cell_px - 1) / options.grid_cell_px),
+        share_(std::max(1, options.max_features / (columns_ * rows_))),
+        grey_(options, width_px, height_px),
+        tracker_(options, width_px, height_px, options.max_features),
+        detector_(std::min(options.grid_cell_px, width_px)),
+        free_(Count(width_px) * Count(height_px)),
+        corners_(Count(columns_ * rows_) * Count(kCandidatesPerShare * share_)),
+        counts_(Count(columns_ * rows_)),
+        motions_(Count(options.max_features)),
         descriptor_(MakeFeature2D(options.descriptor, options.max_features)),
-        features_(static_cast<std::size_t>(options.max_features)),
-        descriptors_(static_cast<std::size_t>(options.max_features) *
-                     static_cast<std::size_t>(DescriptorStride(options.descriptor))) {
-    DrawMask(options.mask, width_px, height_px, &mask_);
+        features_(Count(options.max_features)),
+        descriptors_(Count(options.max_features) * Count(DescriptorStride(options.descriptor))) {
+    free_.TryResize(free_.capacity());
+    counts_.TryResize(counts_.capacity());
     descriptors_.TryResize(descriptors_.capacity());
   }
 
   Expected<FrameObservations> Process(const ImageView& image, Utime utime,
-                                      bool want_descriptors) override try {
-    const Status status =
-        PrepareGrey(image, width_px_, height_px_, options_.contrast_limit, &grey_);
-    if (!status) return tl::unexpected(status.error());
-    cv::buildOpticalFlowPyramid(grey_, pyramid_, Window(), kPyramidLevels);
-    Track();
+                                      const FrameHints& hints) override try {
+    if (const Status status = grey_.Take(image); !status) return tl::unexpected(status.error());
+    tracker_.Follow(grey_.data(), width_px_, hints.expected_px);
+    DropMasked();
     ++frames_since_keyframe_;
-    const bool is_keyframe = want_descriptors || NeedsKeyframe();
+    const bool is_keyframe = hints.want_descriptors || NeedsKeyframe();
     if (is_keyframe) SeekPoints();
-    std::swap(pyramid_, last_pyramid_);
     Emit(image);
     DescriptorView described{nullptr, 0, options_.descriptor};
     if (is_keyframe) {
@@ -52,105 +60,116 @@ class VideoFrontEnd final : public FrontEnd {
     }
     return FrameObservations{utime, features_.span(), described};
   } catch (const cv::Exception&) {
-    points_.clear();
-    last_pyramid_.clear();
+    tracker_.Clear();
     return Fail(Errc::kUnsupported, "image");
   }
 
   std::size_t bytes() const override {
-    return features_.bytes() + descriptors_.bytes() + mask_.total() + 3 * grey_.total();
+    return grey_.bytes() + tracker_.bytes() + detector_.bytes() + free_.bytes() + corners_.bytes() +
+           counts_.bytes() + motions_.bytes() + features_.bytes() + descriptors_.bytes();
   }
 
  private:
-  struct Point {
-    cv::Point2f place, at_keyframe;
-    std::uint32_t track = kNoTrack;
-  };
-
-  cv::Size Window() const { return {options_.track_window_px, options_.track_window_px}; }
-
-  // Forward, and back again: what does not return is dropped. [Kalal 2010, ICPR]
-  void Track() {
-    if (points_.empty() || last_pyramid_.empty()) {
-      points_.clear();
-      return;
-    }
-    from_.clear();
-    for (const Point& point : points_) from_.push_back(point.place);
-    const cv::TermCriteria stop(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 20, 0.01);
-    cv::calcOpticalFlowPyrLK(last_pyramid_, pyramid_, from_, to_, status_, errors_, Window(),
-                             kPyramidLevels, stop);
-    cv::calcOpticalFlowPyrLK(pyramid_, last_pyramid_, to_, back_, status_back_, errors_, Window(),
-                             kPyramidLevels, stop);
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < points_.size(); ++i) {
-      const cv::Point2f miss = back_[i] - from_[i];
-      const bool returns =
-          status_[i] && status_back_[i] &&
-          std::hypot(miss.x, miss.y) <= static_cast<float>(options_.track_check_px);
-      if (!returns || !IsAllowed(to_[i])) continue;
-      points_[kept] = points_[i];
-      points_[kept++].place = to_[i];
-    }
-    points_.resize(kept);
+  bool IsFree(const FixedVector<std::uint8_t>& mask, const PatchPlace& place) const {
+    const auto x = static_cast<int>(std::lround(place.x)),
+               y = static_cast<int>(std::lround(place.y));
+    return x >= 0 && y >= 0 && x < width_px_ && y < height_px_ &&
+           mask[Count(y) * Count(width_px_) + Count(x)] != 0;
   }
 
-  bool IsAllowed(const cv::Point2f& place) const {
-    const int x = static_cast<int>(std::lround(place.x)),
-              y = static_cast<int>(std::lround(place.y));
-    return x >= 0 && y >= 0 && x < width_px_ && y < height_px_ && mask_.at<std::uint8_t>(y, x) != 0;
+  void DropMasked() {
+    FixedVector<TrackedPoint>& points = tracker_.points();
+    std::size_t kept = 0;
+    for (const TrackedPoint& point : points) {
+      if (IsFree(grey_.mask(), point.place)) points[kept++] = point;
+    }
+    points.TryResize(kept);
   }
 
   bool NeedsKeyframe() {
-    if (static_cast<double>(points_.size()) <
+    const FixedVector<TrackedPoint>& points = tracker_.points();
+    if (static_cast<double>(points.size()) <
             options_.keyframe_min_tracked * static_cast<double>(points_at_keyframe_) ||
-        frames_since_keyframe_ >= options_.keyframe_max_frames || points_.empty())
+        frames_since_keyframe_ >= options_.keyframe_max_frames || points.empty())
       return true;
     motions_.clear();
-    for (const Point& point : points_) {
-      const cv::Point2f motion = point.place - point.at_keyframe;
-      motions_.push_back(std::hypot(motion.x, motion.y));
-    }
-    const auto middle = motions_.begin() + static_cast<std::ptrdiff_t>(motions_.size() / 2);
+    for (const TrackedPoint& point : points)
+      motions_.TryPushBack(
+          std::hypot(point.place.x - point.at_keyframe.x, point.place.y - point.at_keyframe.y));
+    float* middle = motions_.data() + motions_.size() / 2;
     std::nth_element(motions_.begin(), middle, motions_.end());
     return *middle > options_.keyframe_motion * width_px_;
   }
 
-  int CellOf(const cv::Point2f& place) const {
-    const int column = std::min(static_cast<int>(place.x) / options_.grid_cell_px, columns_ - 1);
-    const int row = std::min(static_cast<int>(place.y) / options_.grid_cell_px, rows_ - 1);
+  int CellOf(const PatchPlace& place) const {
+    const int column =
+        std::clamp(static_cast<int>(place.x) / options_.grid_cell_px, 0, columns_ - 1);
+    const int row = std::clamp(static_cast<int>(place.y) / options_.grid_cell_px, 0, rows_ - 1);
     return row * columns_ + column;
   }
 
-  // Corners [Shi & Tomasi 1994, CVPR], strongest first, until each cell has its share.
+  // No new point within this disc.
+  void Occupy(const PatchPlace& place, double radius_px) {
+    const int top = std::max(0, static_cast<int>(std::ceil(place.y - radius_px)));
+    const int bottom = std::min(height_px_ - 1, static_cast<int>(place.y + radius_px));
+    for (int y = top; y <= bottom; ++y) {
+      const double dy = y - static_cast<double>(place.y);
+      const double half = std::sqrt(std::max(0.0, radius_px * radius_px - dy * dy));
+      const int left = std::clamp(static_cast<int>(std::ceil(place.x - half)), 0, width_px_);
+      const int right = std::clamp(static_cast<int>(place.x + half) + 1, left, width_px_);
+      std::uint8_t* row = free_.data() + static_cast<std::ptrdiff_t>(y) * width_px_;
+      std::fill(row + left, row + right, std::uint8_t{0});
+    }
+  }
+
+  // Corners of the cells that lack points, strongest first, until each cell has its share.
   void SeekPoints() {
-    const int num_cells = columns_ * rows_;
-    const int share = std::max(1, options_.max_features / num_cells);
-    const double spacing_px = options_.grid_cell_px / (2.0 * std::sqrt(static_cast<double>(share)));
-    counts_.assign(static_cast<std::size_t>(num_cells), 0);
-    mask_.copyTo(free_);
-    for (const Point& point : points_) {
-      ++counts_[static_cast<std::size_t>(CellOf(point.place))];
-      cv::circle(free_, point.place, static_cast<int>(spacing_px), cv::Scalar(0), cv::FILLED);
+    const double spacing_px =
+        options_.grid_cell_px / (2.0 * std::sqrt(static_cast<double>(share_)));
+    std::fill(counts_.begin(), counts_.end(), 0);
+    std::copy(grey_.mask().begin(), grey_.mask().end(), free_.begin());
+    for (const TrackedPoint& point : tracker_.points()) {
+      ++counts_[Count(CellOf(point.place))];
+      Occupy(point.place, spacing_px);
     }
-    cv::goodFeaturesToTrack(grey_, corners_, 4 * options_.max_features, kMinCornerQuality,
-                            spacing_px, free_);
-    for (const cv::Point2f& corner : corners_) {
-      if (points_.size() >= features_.capacity()) break;
-      int& count = counts_[static_cast<std::size_t>(CellOf(corner))];
-      if (count >= share) continue;
+    CollectCorners();
+    const float quality = corners_.empty() ? 0.0f : kMinCornerQuality * corners_[0].score;
+    for (const Corner& corner : corners_) {
+      const PatchPlace place{corner.x, corner.y};
+      int& count = counts_[Count(CellOf(place))];
+      if (corner.score < quality) break;
+      if (count >= share_ || !IsFree(free_, place)) continue;
+      if (!tracker_.Add(place)) break;
       ++count;
-      points_.push_back({corner, corner, next_track_++});
+      Occupy(place, spacing_px);
     }
-    for (Point& point : points_) point.at_keyframe = point.place;
-    points_at_keyframe_ = points_.size();
+    for (TrackedPoint& point : tracker_.points()) point.at_keyframe = point.place;
+    points_at_keyframe_ = tracker_.points().size();
     frames_since_keyframe_ = 0;
   }
 
-  // OpenCV's integer pixel is the centre of that pixel.
+  void CollectCorners() {
+    corners_.clear();
+    for (int cell = 0; cell < columns_ * rows_; ++cell) {
+      if (counts_[Count(cell)] >= share_) continue;
+      const int left = cell % columns_ * options_.grid_cell_px;
+      const int top = cell / columns_ * options_.grid_cell_px;
+      const ImagePart part{left, top, std::min(left + options_.grid_cell_px, width_px_),
+                           std::min(top + options_.grid_cell_px, height_px_)};
+      const std::size_t used = corners_.size();
+      corners_.TryResize(used + Count(kCandidatesPerShare * share_));
+      const int found = detector_.Detect(tracker_.image().level(0), part, kMinCorner,
+                                         corners_.span().subspan(used));
+      corners_.TryResize(used + Count(found));
+    }
+    std::sort(corners_.begin(), corners_.end(), [](const Corner& a, const Corner& b) {
+      return a.score != b.score ? a.score > b.score : a.y != b.y ? a.y < b.y : a.x < b.x;
+    });
+  }
+
   void Emit(const ImageView& image) {
     features_.clear();
-    for (const Point& point : points_) {
+    for (const TrackedPoint& point : tracker_.points()) {
       Feature feature{point.place.x + 0.5f, point.place.y + 0.5f, kPatchSize, point.track};
       SampleColour(image, &feature);
       features_.TryPushBack(feature);
@@ -158,7 +177,7 @@ class VideoFrontEnd final : public FrontEnd {
   }
 
   // Direction of the patch's intensity centroid [Rosin 1999, CVIU; Rublee 2011, ICCV], degrees.
-  float Orientation(const cv::Point2f& place) const {
+  float Orientation(const PatchPlace& place) const {
     constexpr int kRadius = 15;
     const int cx = static_cast<int>(std::lround(place.x)),
               cy = static_cast<int>(std::lround(place.y));
@@ -168,7 +187,7 @@ class VideoFrontEnd final : public FrontEnd {
         const int x = cx + dx, y = cy + dy;
         const bool outside = x < 0 || y < 0 || x >= width_px_ || y >= height_px_;
         if (outside || dx * dx + dy * dy > kRadius * kRadius) continue;
-        const double value = grey_.at<std::uint8_t>(y, x);
+        const double value = grey_.data()[y * width_px_ + x];
         mx += dx * value;
         my += dy * value;
       }
@@ -179,8 +198,10 @@ class VideoFrontEnd final : public FrontEnd {
   // Points too near to the border for a description get zeros, which match nothing.
   void Describe() {
     keypoints_.clear();
-    for (std::size_t i = 0; i < points_.size(); ++i) {
-      cv::KeyPoint keypoint(points_[i].place, kPatchSize, Orientation(points_[i].place));
+    const FixedVector<TrackedPoint>& points = tracker_.points();
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      cv::KeyPoint keypoint(points[i].place.x, points[i].place.y, kPatchSize,
+                            Orientation(points[i].place));
       keypoint.class_id = static_cast<int>(i);
       if (options_.descriptor == DescriptorType::kSift) {
         keypoint.octave = 1 << 8;  // OpenCV's packing of octave 0, layer 1 ...
@@ -188,17 +209,17 @@ class VideoFrontEnd final : public FrontEnd {
       } else {
         keypoint.octave = 0;
       }
-      if (options_.descriptor == DescriptorType::kAkaze) keypoint.class_id = 0;
+      if (options_.descriptor == DescriptorType::kAkaze) {
+        keypoint.class_id = 0;
+        keypoint.response = static_cast<float>(i);
+      }
       keypoints_.push_back(keypoint);
-    }
-    if (options_.descriptor == DescriptorType::kAkaze) {
-      for (std::size_t i = 0; i < keypoints_.size(); ++i)
-        keypoints_[i].response = static_cast<float>(i);
     }
     std::fill(descriptors_.begin(), descriptors_.end(), std::uint8_t{0});
     if (keypoints_.empty()) return;
-    descriptor_->compute(grey_, keypoints_, cv_descriptors_);
-    const auto stride = static_cast<std::size_t>(DescriptorStride(options_.descriptor));
+    descriptor_->compute(cv::Mat(height_px_, width_px_, CV_8UC1, grey_.data()), keypoints_,
+                         cv_descriptors_);
+    const std::size_t stride = Count(DescriptorStride(options_.descriptor));
     for (std::size_t k = 0; k < keypoints_.size(); ++k) {
       const auto i = static_cast<std::size_t>(options_.descriptor == DescriptorType::kAkaze
                                                   ? std::lround(keypoints_[k].response)
@@ -210,18 +231,19 @@ class VideoFrontEnd final : public FrontEnd {
 
   MapperOptions options_;
   int width_px_, height_px_, columns_, rows_;
+  int share_;  // of the points, for each cell of the grid
+  GreyImage grey_;
+  PointTracker tracker_;
+  CornerDetector detector_;
+  FixedVector<std::uint8_t> free_;  // where a new point may be
+  FixedVector<Corner> corners_;
+  FixedVector<int> counts_;  // of the points in each cell
+  FixedVector<float> motions_;
   std::shared_ptr<cv::Feature2D> descriptor_;
-  cv::Mat grey_, mask_, free_, cv_descriptors_;
-  std::vector<cv::Mat> pyramid_, last_pyramid_;
-  std::vector<Point> points_;  // in ascending order of track
-  std::vector<cv::Point2f> from_, to_, back_, corners_;
-  std::vector<std::uint8_t> status_, status_back_;
-  std::vector<float> errors_, motions_;
-  std::vector<int> counts_;
+  cv::Mat cv_descriptors_;
   std::vector<cv::KeyPoint> keypoints_;
   std::size_t points_at_keyframe_ = 0;
   int frames_since_keyframe_ = 0;
-  std::uint32_t next_track_ = 0;
   FixedVector<Feature> features_;
   FixedVector<std::uint8_t> descriptors_;
 };

@@ -160,7 +160,7 @@ void Frame(benchmark::State& state) {
       std::move(*FrontEnd::Create(stills, BlobImage::kWidth, BlobImage::kHeight));
   const double baseline = BestSeconds(3, [&] {
     for (const BlobImage& image : images)
-      benchmark::DoNotOptimize(extractor->Process(image.View(), 1, true));
+      benchmark::DoNotOptimize(extractor->Process(image.View(), 1, {.want_descriptors = true}));
   });
   double best = std::numeric_limits<double>::infinity();
   for (auto _ : state) {
@@ -170,7 +170,7 @@ void Frame(benchmark::State& state) {
     best = std::min(best, BestSeconds(1, [&] {
                       Utime utime = 0;
                       for (const BlobImage& image : images) {
-                        const auto frame = front_end->Process(image.View(), ++utime, false);
+                        const auto frame = front_end->Process(image.View(), ++utime, {});
                         if (frame) benchmark::DoNotOptimize(mapper->Step(*frame));
                       }
                     }));

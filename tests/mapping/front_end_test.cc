@@ -11,6 +11,8 @@
 namespace rsfm {
 namespace {
 
+constexpr FrameHints kDescribed{.want_descriptors = true};
+
 std::unique_ptr<FrontEnd> Make(const MapperOptions& options) {
   return std::move(*FrontEnd::Create(options, BlobImage::kWidth, BlobImage::kHeight));
 }
@@ -43,7 +45,7 @@ TEST(FrontEnd, FindsBlobsWhereTheyAre) {
     MapperOptions options;
     options.descriptor = type;
     const auto front_end = Make(options);
-    const auto frame = front_end->Process(image.View(), 1, false);
+    const auto frame = front_end->Process(image.View(), 1, {});
     ASSERT_TRUE(frame.has_value());
     const Bias bias = BiasOf(frame->features, image);
     EXPECT_GE(bias.count, 50) << ToString(type);
@@ -57,7 +59,7 @@ TEST(FrontEnd, OrbIsNotShiftedOnCoarseLevels) {
   MapperOptions options;
   options.descriptor = DescriptorType::kOrb;
   const auto front_end = Make(options);
-  const auto frame = front_end->Process(image.View(), 1, false);
+  const auto frame = front_end->Process(image.View(), 1, {});
   ASSERT_TRUE(frame.has_value());
   const Bias bias = BiasOf(frame->features, image);
   EXPECT_GE(bias.count, 50);
@@ -72,8 +74,8 @@ TEST(FrontEnd, DescriptorsMatchAcrossAShift) {
     const Vec2 shift(3.3, -2.6);
     const BlobImage first = BlobImage::Texture(Vec2::Zero()), second = BlobImage::Texture(shift);
     const auto front_end_a = Make(options), front_end_b = Make(options);
-    const auto a = front_end_a->Process(first.View(), 1, false);
-    const auto b = front_end_b->Process(second.View(), 2, false);
+    const auto a = front_end_a->Process(first.View(), 1, {});
+    const auto b = front_end_b->Process(second.View(), 2, {});
     ASSERT_TRUE(a.has_value() && b.has_value());
     DescriptorMatcher matcher(options.max_features);
     std::vector<DescriptorMatch> matches(static_cast<std::size_t>(options.max_features));
@@ -95,7 +97,7 @@ TEST(FrontEnd, MaskKeepsFeaturesOut) {
     options.rhythm = rhythm;
     options.mask.TryPushBack({-50, -50, 240, 160});  // reaches beyond the image
     const auto front_end = Make(options);
-    const auto frame = front_end->Process(BlobImage().View(), 1, true);
+    const auto frame = front_end->Process(BlobImage().View(), 1, kDescribed);
     ASSERT_TRUE(frame.has_value());
     EXPECT_GE(frame->features.size(), 30u);
     for (const Feature& feature : frame->features)
@@ -112,7 +114,7 @@ TEST(FrontEnd, VideoTracksToATenthOfAPixel) {
   std::map<std::uint32_t, Vec2> start;
   for (int i = 0; i < 6; ++i) {
     const BlobImage image(i * step);
-    const auto frame = front_end->Process(image.View(), i, false);
+    const auto frame = front_end->Process(image.View(), i, {});
     ASSERT_TRUE(frame.has_value());
     if (i == 0) {
       EXPECT_EQ(frame->descriptors.count, static_cast<int>(frame->features.size()));
@@ -141,7 +143,8 @@ TEST(FrontEnd, VideoMakesAKeyframeWhenMuchHasMovedOrWhenAsked) {
   const auto front_end = Make(options);
   std::vector<int> keyframes;
   for (int i = 0; i < 8; ++i) {
-    const auto frame = front_end->Process(BlobImage(i * Vec2(2.5, 0.0)).View(), i, i == 6);
+    const auto frame =
+        front_end->Process(BlobImage(i * Vec2(2.5, 0.0)).View(), i, {.want_descriptors = i == 6});
     ASSERT_TRUE(frame.has_value());
     if (frame->descriptors.count > 0) keyframes.push_back(i);
   }
@@ -155,7 +158,7 @@ TEST(FrontEnd, SameImageSameBytes) {
     std::vector<std::uint8_t> first;
     for (int run = 0; run < 2; ++run) {
       const auto front_end = Make(options);
-      const auto frame = front_end->Process(BlobImage().View(), 1, true);
+      const auto frame = front_end->Process(BlobImage().View(), 1, kDescribed);
       ASSERT_TRUE(frame.has_value());
       std::vector<std::uint8_t> bytes(
           frame->descriptors.data,
@@ -179,17 +182,17 @@ TEST(FrontEnd, RefusesWhatIsNoImageOfItsSize) {
     BlobImage image;
     ImageView view = image.View();
     view.height -= 1;
-    EXPECT_STREQ(front_end->Process(view, 1, false).error().where, "size");
+    EXPECT_STREQ(front_end->Process(view, 1, {}).error().where, "size");
     view = image.View();
     view.channels = 4;
-    EXPECT_STREQ(front_end->Process(view, 1, false).error().where, "image");
+    EXPECT_STREQ(front_end->Process(view, 1, {}).error().where, "image");
     view = image.View();
     view.data = nullptr;
-    EXPECT_STREQ(front_end->Process(view, 1, false).error().where, "image");
-    EXPECT_TRUE(front_end->Process(image.View(), 1, false).has_value());
+    EXPECT_STREQ(front_end->Process(view, 1, {}).error().where, "image");
+    EXPECT_TRUE(front_end->Process(image.View(), 1, {}).has_value());
     // All black: an image, with nothing in it.
     std::fill(image.bytes().begin(), image.bytes().end(), std::uint8_t{0});
-    const auto black = front_end->Process(image.View(), 2, true);
+    const auto black = front_end->Process(image.View(), 2, kDescribed);
     ASSERT_TRUE(black.has_value());
     EXPECT_LT(black->features.size(), 5u);
   }

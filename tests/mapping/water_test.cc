@@ -158,7 +158,8 @@ TEST(WaterTest, AMapperThatFollowsMapsAsOneThatKnew) {
   EXPECT_GE(placed, 10);
   EXPECT_EQ(followed.heap_calls, 0u);
   EXPECT_EQ(knew.mean_depth_m, followed.mean_depth_m);
-  // An index that is 1 % too low puts the seabed, 2 m away, up to 1 % too near; where navigation holds the depths, less.
+  // An index that is 1 % too low puts the seabed, 2 m away, up to 1 % too near; where navigation
+  // holds the depths, less.
   EXPECT_GT(std::abs(wrong.mean_depth_m - knew.mean_depth_m), 0.005);
 }
 

@@ -34,7 +34,8 @@ void MapperFeed::AddNav(const NavSample& sample) noexcept {
 Expected<StepReport> MapperFeed::Process(const ImageView& image, Utime utime) {
   ++counters_.frames_received;
   const auto start = std::chrono::steady_clock::now();
-  const auto frame = front_end_->Process(image, utime, mapper_->wants_descriptors());
+  const auto frame =
+      front_end_->Process(image, utime, {.want_descriptors = mapper_->wants_descriptors()});
   front_end_s_ += SecondsSince(start);
   if (!frame) return tl::unexpected(frame.error());
   const auto step_start = std::chrono::steady_clock::now();

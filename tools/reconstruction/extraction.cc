@@ -103,7 +103,7 @@ class Extractor {
       outcome->problem = view.error().problem;
       return;
     }
-    const auto frame = front_end_ ? front_end_->Process(*view, utime, true)
+    const auto frame = front_end_ ? front_end_->Process(*view, utime, {.want_descriptors = true})
                                   : Expected<FrameObservations>(Fail(Errc::kUnsupported, "image"));
     if (!frame) {
       outcome->problem = "cannot be searched for features";
