@@ -72,6 +72,20 @@ void PrintModel(const Model& model) {
                                          static_cast<double>(model.points.size()));
 }
 
+// What became of the images and messages, as the vehicle counted.
+void PrintStatus(const status_t& status) {
+  const auto number = [](std::int64_t value) { return static_cast<long long>(value); };
+  std::printf(
+      "frames        %lld received, %lld missed, %lld damaged, %lld late, %lld skipped, %lld "
+      "camera restarts\n",
+      number(status.frames_received), number(status.frames_missed), number(status.frames_damaged),
+      number(status.frames_late), number(status.frames_skipped), number(status.camera_restarts));
+  std::printf(
+      "messages      %lld malformed, %lld overrun, %lld not logged; %lld images not recorded\n",
+      number(status.messages_malformed), number(status.messages_overrun), number(status.log_errors),
+      number(status.images_dropped));
+}
+
 int PrintMission(const fs::path& path) {
   const auto mission = ReadMission(path, {.keep_descriptors = false});
   if (!mission) return Report(mission.error());
@@ -80,6 +94,7 @@ int PrintMission(const fs::path& path) {
   std::printf("images        %lld%s\n", Count(mission->images.size()),
               mission->ImagesFolder().empty() ? ", their files are not here" : "");
   PrintLog(mission->log);
+  if (!mission->statuses.empty()) PrintStatus(mission->statuses.back());
   std::printf("malformed     %lld messages\n", static_cast<long long>(mission->num_malformed));
   std::printf("navigation    %lld samples, %lld rejected\n", Count(mission->nav.size()),
               static_cast<long long>(mission->num_nav_rejected));
