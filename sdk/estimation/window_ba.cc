@@ -20,6 +20,7 @@ Status WindowBaCapacity::Validate() const noexcept {
   if (landmarks <= 0) return Fail(Errc::kInvalidArgument, "landmarks", landmarks);
   if (observations <= 0) return Fail(Errc::kInvalidArgument, "observations", observations);
   if (priors <= 0) return Fail(Errc::kInvalidArgument, "priors", priors);
+  if (nav_factors <= 0) return Fail(Errc::kInvalidArgument, "nav_factors", nav_factors);
   return {};
 }
 
@@ -47,11 +48,14 @@ WindowBa::WindowBa(const WindowBaCapacity& capacity)
       point_fixed_(capacity.landmarks),
       observations_(capacity.observations),
       priors_(capacity.priors),
+      nav_factors_(capacity.nav_factors),
+      marginal_(capacity.keyframes),
+      marginal_of_(capacity.keyframes),
       order_(capacity.observations),
       first_(static_cast<std::size_t>(capacity.landmarks) + 1),
-      reduced_(capacity.keyframes),
+      reduced_(capacity.keyframes + kNavBlocks),
       point_inverse_(capacity.landmarks),
-      pose_step_(capacity.keyframes),
+      pose_step_(static_cast<std::size_t>(capacity.keyframes) + kNavBlocks),
       point_step_(capacity.landmarks) {
   Allocate(capacity, &current_);
   Allocate(capacity, &trial_);
@@ -64,6 +68,7 @@ void WindowBa::Allocate(const WindowBaCapacity& capacity, Linearisation* lineari
   linearisation->point_gradient = FixedVector<Vec3>(capacity.landmarks);
   linearisation->cross = FixedVector<Mat63>(capacity.observations);
   linearisation->priors = FixedVector<PriorEvaluation>(capacity.priors);
+  linearisation->nav = FixedVector<NavEvaluation>(capacity.nav_factors);
   linearisation->status = FixedVector<Projection>(capacity.observations);
   linearisation->error_px = FixedVector<double>(capacity.observations);
 }
@@ -71,12 +76,13 @@ void WindowBa::Allocate(const WindowBaCapacity& capacity, Linearisation* lineari
 std::size_t WindowBa::bytes() const {
   std::size_t total = keyframes_.bytes() + poses_.bytes() + trial_poses_.bytes() + points_.bytes() +
                       trial_points_.bytes() + point_fixed_.bytes() + observations_.bytes() +
-                      priors_.bytes() + order_.bytes() + first_.bytes() + reduced_.bytes() +
+                      priors_.bytes() + nav_factors_.bytes() + marginal_.bytes() +
+                      marginal_of_.bytes() + order_.bytes() + first_.bytes() + reduced_.bytes() +
                       point_inverse_.bytes() + pose_step_.bytes() + point_step_.bytes();
   for (const Linearisation* l : {&current_, &trial_})
     total += l->pose_hessian.bytes() + l->pose_gradient.bytes() + l->point_hessian.bytes() +
-             l->point_gradient.bytes() + l->cross.bytes() + l->priors.bytes() + l->status.bytes() +
-             l->error_px.bytes();
+             l->point_gradient.bytes() + l->cross.bytes() + l->priors.bytes() + l->nav.bytes() +
+             l->status.bytes() + l->error_px.bytes();
   return total;
 }
 
@@ -87,6 +93,10 @@ void WindowBa::Clear() {
   point_fixed_.clear();
   observations_.clear();
   priors_.clear();
+  nav_factors_.clear();
+  marginal_.Clear();
+  marginal_of_.clear();
+  states_.setZero();
   solved_ = false;
 }
 
@@ -122,6 +132,33 @@ Expected<int> WindowBa::AddObservation(int keyframe, int landmark, const Vec2& p
   return num_observations() - 1;
 }
 
+Expected<int> WindowBa::AddAltitude(int keyframe, int landmark, const Rigid3& body_from_camera,
+                                    double altitude_m, double sigma_m) {
+  if (keyframe < 0 || keyframe >= num_keyframes())
+    return Fail(Errc::kNotFound, "keyframe", keyframe);
+  if (landmark < 0 || landmark >= num_landmarks())
+    return Fail(Errc::kNotFound, "landmark", landmark);
+  if (!IsFinite(body_from_camera)) return Fail(Errc::kInvalidArgument, "body_from_camera");
+  if (!std::isfinite(altitude_m)) return Fail(Errc::kInvalidArgument, "altitude_m");
+  if (!(sigma_m > 0.0) || !std::isfinite(sigma_m)) return Fail(Errc::kInvalidArgument, "sigma_m");
+  if (!observations_.TryPushBack({keyframe, landmark, Vec2(altitude_m, 0.0), 1.0 / sigma_m, true,
+                                  body_from_camera.OriginOfTarget()}))
+    return Fail(Errc::kOutOfCapacity, "observations");
+  solved_ = false;
+  return num_observations() - 1;
+}
+
+Expected<int> WindowBa::AddNavFactor(const NavFactor& factor) {
+  if (const Status valid = ValidateNavFactor(factor); !valid)
+    return tl::unexpected<Error>(valid.error());
+  if (std::max(factor.a, factor.b) >= num_keyframes())
+    return Fail(Errc::kNotFound, "nav_factor.keyframe", std::max(factor.a, factor.b));
+  if (!marginal_.has_states) return Fail(Errc::kInvalidArgument, "nav_factor.states");
+  if (!nav_factors_.TryPushBack(factor)) return Fail(Errc::kOutOfCapacity, "nav_factors");
+  solved_ = false;
+  return static_cast<int>(nav_factors_.size()) - 1;
+}
+
 Expected<int> WindowBa::AddPrior(const PosePrior& prior) {
   if (prior.a < 0 || prior.a >= num_keyframes()) return Fail(Errc::kNotFound, "prior.a", prior.a);
   if (prior.IsRelative() && (prior.b < 0 || prior.b >= num_keyframes()))
@@ -146,7 +183,9 @@ Status WindowBa::CheckProblem(std::span<const AnyCamera> cameras,
       return Fail(Errc::kInvalidArgument, "camera", keyframe.camera);
     held = held || keyframe.fixed;
   }
-  if (observations_.empty() && priors_.empty()) return Fail(Errc::kNotEnoughData, "observations");
+  if (observations_.empty() && priors_.empty() && nav_factors_.empty())
+    return Fail(Errc::kNotEnoughData, "observations");
+  held = held || marginal_.num_keyframes() > 0;
   for (const PosePrior& prior : priors_) held = held || IsAbsolute(prior);
   for (const std::uint8_t fixed : point_fixed_) held = held || fixed != 0;
   if (!held) return Fail(Errc::kDegenerate, "gauge");
@@ -161,7 +200,7 @@ Expected<WindowBaReport> WindowBa::Solve(std::span<const AnyCamera> cameras,
   trial_poses_.TryResizeForOverwrite(poses_.size());
   trial_points_.TryResizeForOverwrite(points_.size());
 
-  Linearise(cameras, options.loss, poses_, points_, &current_);
+  Linearise(cameras, options.loss, poses_, points_, states_, &current_);
   WindowBaReport report;
   report.initial_cost = current_.cost;
   double radius = options.initial_trust_radius;
@@ -173,7 +212,7 @@ Expected<WindowBaReport> WindowBa::Solve(std::span<const AnyCamera> cameras,
     if (ComputeStep(1.0 / radius)) {
       const double predicted = PredictedDecrease(1.0 / radius);
       const double relative_step = ApplyStep();
-      Linearise(cameras, options.loss, trial_poses_, trial_points_, &trial_);
+      Linearise(cameras, options.loss, trial_poses_, trial_points_, trial_states_, &trial_);
       const double decrease = current_.cost - trial_.cost;
       const double gain = predicted > 0.0 ? decrease / predicted : -1.0;
       if (gain > 1e-3) {
@@ -182,6 +221,7 @@ Expected<WindowBaReport> WindowBa::Solve(std::span<const AnyCamera> cameras,
         std::swap(current_, trial_);
         std::swap(poses_, trial_poses_);
         std::swap(points_, trial_points_);
+        std::swap(states_, trial_states_);
         radius = std::min(1e16, radius / std::max(1.0 / 3.0, 1.0 - std::pow(2.0 * gain - 1.0, 3)));
         shrink = 2.0;
         if (small || GradientNorm() <= options.gradient_tolerance)
@@ -215,6 +255,12 @@ double WindowBa::ApplyStep() noexcept {
     step += point_step_[l].squaredNorm();
     size += points_[l].squaredNorm();
   }
+  trial_states_ = states_;
+  if (marginal_.has_states) {
+    for (int block = 0; block < kNavBlocks; ++block)
+      trial_states_.segment<6>(6 * block) += pose_step_[num_free_ + block];
+    step += (trial_states_ - states_).squaredNorm();
+  }
   return std::sqrt(step / std::max(size, 1e-300));
 }
 
@@ -226,14 +272,17 @@ double WindowBa::GradientNorm() const noexcept {
   for (std::size_t l = 0; l < points_.size(); ++l)
     if (point_fixed_[l] == 0)
       norm = std::max(norm, current_.point_gradient[l].lpNorm<Eigen::Infinity>());
+  if (marginal_.has_states)
+    norm = std::max(norm, current_.state_gradient.lpNorm<Eigen::Infinity>());
   return norm;
 }
 
 void WindowBa::Summarise(WindowBaReport* report) const noexcept {
   report->final_cost = current_.cost;
-  report->num_observations = num_observations();
   double sum = 0.0, squares = 0.0;
   for (int i = 0; i < num_observations(); ++i) {
+    if (observations_[i].is_altitude) continue;
+    ++report->num_observations;
     if (current_.status[i] != Projection::kOk) {
       ++report->num_impossible;
       continue;

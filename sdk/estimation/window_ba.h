@@ -1,5 +1,5 @@
 // Window bundle adjustment in fixed memory: the poses of a few keyframes and the landmarks they
-// see, by the true image error and navigation priors.
+// see, by the true image error, navigation and what is remembered of earlier windows.
 //
 // Levenberg-Marquardt on the normal equations with the landmarks eliminated (Schur complement).
 // [Triggs 1999, "Bundle Adjustment: A Modern Synthesis", sec. 6.1; Nielsen 1999, IMM-REP-1999-05,
@@ -9,6 +9,9 @@
 //   ba.Clear(); ba.AddKeyframe(...); ba.AddLandmark(...); ba.AddObservation(...); ba.AddPrior(...);
 //   ba.Solve(cameras, options);
 //   ba.camera_from_world(k); ba.point_in_world(l); ba.PoseCovariance(k);
+//
+// With navigation factors (nav_factor.h) the sensors' errors are unknowns too. What leaves a window
+// is kept by Marginalise() and goes into the next one by SetMarginalPrior().
 //
 // Deterministic: the same calls give the same bits. Not thread-safe.
 #pragma once
@@ -20,6 +23,8 @@
 #include "rsfm/base/fixed_vector.h"
 #include "rsfm/base/rigid3.h"
 #include "rsfm/estimation/block_cholesky.h"
+#include "rsfm/estimation/marginal_prior.h"
+#include "rsfm/estimation/nav_factor.h"
 #include "rsfm/estimation/pose_prior.h"
 #include "rsfm/estimation/robust_loss.h"
 #include "rsfm/refraction/any_camera.h"
@@ -31,6 +36,7 @@ struct WindowBaCapacity {
   int landmarks = 3000;
   int observations = 20000;
   int priors = 128;
+  int nav_factors = 1;
 
   Status Validate() const noexcept;
 };
@@ -80,6 +86,18 @@ class WindowBa {
   Expected<int> AddObservation(int keyframe, int landmark, const Vec2& pixel,
                                double sigma_px = 1.0);
   Expected<int> AddPrior(const PosePrior& prior);
+  // A range from the body straight down in the world to a landmark there: the third coordinate of
+  // the landmark less the body's is `altitude_m`. Counts as an observation.
+  Expected<int> AddAltitude(int keyframe, int landmark, const Rigid3& body_from_camera,
+                            double altitude_m, double sigma_m);
+  // Needs SetMarginalPrior with states before.
+  Expected<int> AddNavFactor(const NavFactor& factor);
+  // What earlier windows left: `keyframe_of[i]` is the keyframe of the prior's i-th pose, free and
+  // in ascending order. With states, these become unknowns that start at `states`. Copies; call
+  // once, after the keyframes.
+  //   kInvalidArgument  keyframe_of does not fit
+  Status SetMarginalPrior(const MarginalPrior& prior, std::span<const int> keyframe_of,
+                          const NavStates& states);
 
   // Adjusts all free poses and landmarks. `cameras` are what the keyframes' camera indices mean.
   // On error everything is as it was:
@@ -90,11 +108,20 @@ class WindowBa {
   Expected<WindowBaReport> Solve(std::span<const AnyCamera> cameras,
                                  const WindowBaOptions& options) noexcept;
 
+  // Sums up everything that was added, linearised at the present poses and points, as a prior on
+  // what stays: all free keyframes but the first `num_gone`, and the states. Fixed keyframes come
+  // last.
+  //   kInvalidArgument  num_gone, a free keyframe after a fixed one, or a camera index
+  //   kDegenerate       a number is not finite; `result` is untouched on any error
+  Status Marginalise(std::span<const AnyCamera> cameras, const RobustLoss& loss, int num_gone,
+                     MarginalPrior* result) noexcept;
+
   int num_keyframes() const { return static_cast<int>(poses_.size()); }
   int num_landmarks() const { return static_cast<int>(points_.size()); }
   int num_observations() const { return static_cast<int>(observations_.size()); }
   const Rigid3& camera_from_world(int keyframe) const { return poses_[keyframe]; }
   const Vec3& point_in_world(int landmark) const { return points_[landmark]; }
+  const NavStates& nav_states() const { return states_; }
 
   // After Solve: how each observation ended and its error. The error of one that is not kOk is 0.
   Projection observation_status(int observation) const { return current_.status[observation]; }
@@ -105,6 +132,8 @@ class WindowBa {
   //   kNotFound    no such keyframe, or Solve has not run
   //   kDegenerate  the data do not determine it (a free scale, an unobserved pose)
   Expected<Mat6> PoseCovariance(int keyframe) noexcept;
+  // Likewise of the first six sensor states. kNotFound without states.
+  Expected<Mat6> NavStateCovariance() noexcept;
 
  private:
   using Mat63 = Eigen::Matrix<double, 6, 3>;
@@ -119,6 +148,8 @@ class WindowBa {
     int landmark = 0;
     Vec2 pixel = Vec2::Zero();
     double inverse_sigma = 1.0;
+    bool is_altitude = false;  // then pixel is (altitude [m], 0) and the next is meant
+    Vec3 body_in_camera = Vec3::Zero();
   };
   // Everything that is known at one state of the unknowns.
   struct Linearisation {
@@ -129,6 +160,9 @@ class WindowBa {
     FixedVector<Vec3> point_gradient;
     FixedVector<Mat63> cross;  // per entry of order_: pose x point
     FixedVector<PriorEvaluation> priors;
+    FixedVector<NavEvaluation> nav;
+    NavStateHessian state_hessian = NavStateHessian::Zero();
+    NavStates state_gradient = NavStates::Zero();
     FixedVector<Projection> status;  // per observation
     FixedVector<double> error_px;
   };
@@ -140,11 +174,24 @@ class WindowBa {
   void SortObservations() noexcept;
   void Linearise(std::span<const AnyCamera> cameras, const RobustLoss& loss,
                  const FixedVector<Rigid3>& poses, const FixedVector<Vec3>& points,
-                 Linearisation* at) const noexcept;
+                 const NavStates& states, Linearisation* at) const noexcept;
   void LineariseLandmark(std::span<const AnyCamera> cameras, const RobustLoss& loss,
                          const FixedVector<Rigid3>& poses, const Vec3& point, int landmark,
                          Linearisation* at) const noexcept;
+  void LineariseAltitude(const Observation& observation, const Rigid3& pose, const Vec3& point,
+                         int place, Mat3* point_hessian, Vec3* point_gradient,
+                         Linearisation* at) const noexcept;
   void LinearisePriors(const FixedVector<Rigid3>& poses, Linearisation* at) const noexcept;
+  void LineariseNav(const FixedVector<Rigid3>& poses, const NavStates& states,
+                    Linearisation* at) const noexcept;
+  void LineariseMarginal(const FixedVector<Rigid3>& poses, const NavStates& states,
+                         Linearisation* at) const noexcept;
+  int num_blocks() const { return num_free_ + (marginal_.has_states ? kNavBlocks : 0); }
+  // The reduced system's block of the marginal prior's.
+  int BlockOfMarginal(int i) const noexcept;
+  void ReduceNav() noexcept;
+  void Accumulate(double inverse_radius) noexcept;
+  Expected<Mat6> BlockCovariance(int block) noexcept;
   // The reduced system at current_, damped by 1 / radius; false when it has no solution.
   bool Reduce(double inverse_radius) noexcept;
   void EliminateLandmark(int landmark, double inverse_radius) noexcept;
@@ -161,6 +208,10 @@ class WindowBa {
   FixedVector<std::uint8_t> point_fixed_;
   FixedVector<Observation> observations_;
   FixedVector<PosePrior> priors_;
+  FixedVector<NavFactor> nav_factors_;
+  NavStates states_ = NavStates::Zero(), trial_states_ = NavStates::Zero();
+  MarginalPrior marginal_;        // empty where there is none
+  FixedVector<int> marginal_of_;  // keyframe of each of its poses
 
   FixedVector<int> order_;  // observations by landmark, then by keyframe
   FixedVector<int> first_;  // of each landmark in order_, and the end
@@ -169,7 +220,7 @@ class WindowBa {
   Linearisation current_, trial_;
   BlockCholesky reduced_;
   FixedVector<Mat3> point_inverse_;  // of the damped point Hessian; zero where the point is held
-  FixedVector<Vec6> pose_step_;      // per free pose
+  FixedVector<Vec6> pose_step_;      // per free pose, then the states
   FixedVector<Vec3> point_step_;
   bool solved_ = false;
 };

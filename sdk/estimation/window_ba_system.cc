@@ -80,7 +80,7 @@ void WindowBa::SortObservations() noexcept {
 
 void WindowBa::Linearise(std::span<const AnyCamera> cameras, const RobustLoss& loss,
                          const FixedVector<Rigid3>& poses, const FixedVector<Vec3>& points,
-                         Linearisation* at) const noexcept {
+                         const NavStates& states, Linearisation* at) const noexcept {
   at->cost = 0.0;
   at->pose_hessian.TryResizeForOverwrite(poses.size());
   at->pose_gradient.TryResizeForOverwrite(poses.size());
@@ -97,6 +97,8 @@ void WindowBa::Linearise(std::span<const AnyCamera> cameras, const RobustLoss& l
   for (std::size_t l = 0; l < points.size(); ++l)
     LineariseLandmark(cameras, loss, poses, points[l], static_cast<int>(l), at);
   LinearisePriors(poses, at);
+  LineariseNav(poses, states, at);
+  LineariseMarginal(poses, states, at);
 }
 
 void WindowBa::LineariseLandmark(std::span<const AnyCamera> cameras, const RobustLoss& loss,
@@ -107,6 +109,12 @@ void WindowBa::LineariseLandmark(std::span<const AnyCamera> cameras, const Robus
   for (int i = first_[landmark]; i < first_[landmark + 1]; ++i) {
     const int index = order_[i];
     const Observation& o = observations_[index];
+    if (o.is_altitude) {
+      at->status[index] = Projection::kOk;
+      at->error_px[index] = 0.0;
+      LineariseAltitude(o, poses[o.keyframe], point, i, &point_hessian, &point_gradient, at);
+      continue;
+    }
     Vec2 error;
     Mat26 d_pose;
     Mat23 d_point;
@@ -163,8 +171,14 @@ void WindowBa::LinearisePriors(const FixedVector<Rigid3>& poses, Linearisation* 
 }
 
 bool WindowBa::Reduce(double inverse_radius) noexcept {
-  reduced_.Reset(num_free_);
-  pose_step_.TryResizeForOverwrite(static_cast<std::size_t>(num_free_));
+  Accumulate(inverse_radius);
+  // Undamped, for the covariance, a direction that the data do not determine must be found out.
+  return reduced_.Factorise(inverse_radius > 0.0 ? 0.0 : 1e-11);
+}
+
+void WindowBa::Accumulate(double inverse_radius) noexcept {
+  reduced_.Reset(num_blocks());
+  pose_step_.TryResizeForOverwrite(static_cast<std::size_t>(num_blocks()));
   for (std::size_t k = 0; k < poses_.size(); ++k) {
     const int block = keyframes_[k].block;
     if (block < 0) continue;
@@ -174,7 +188,17 @@ bool WindowBa::Reduce(double inverse_radius) noexcept {
       if (inverse_radius > 0.0) diagonal(i, i) += Damping(diagonal(i, i), inverse_radius);
     pose_step_[block] = -current_.pose_gradient[k];
   }
+  if (marginal_.has_states) {
+    for (int block = 0; block < kNavBlocks; ++block) {
+      Mat6& diagonal = reduced_.Block(num_free_ + block, num_free_ + block);
+      diagonal = current_.state_hessian.block<6, 6>(6 * block, 6 * block);
+      for (int i = 0; i < 6; ++i)
+        if (inverse_radius > 0.0) diagonal(i, i) += Damping(diagonal(i, i), inverse_radius);
+      pose_step_[num_free_ + block] = -current_.state_gradient.segment<6>(6 * block);
+    }
+  }
   reduced_.MarkDiagonal();
+  ReduceNav();
   for (std::size_t i = 0; i < priors_.size(); ++i) {
     if (!priors_[i].IsRelative()) continue;
     const int a = keyframes_[priors_[i].a].block, b = keyframes_[priors_[i].b].block;
@@ -188,8 +212,6 @@ bool WindowBa::Reduce(double inverse_radius) noexcept {
   }
   point_inverse_.TryResizeForOverwrite(points_.size());
   for (int l = 0; l < num_landmarks(); ++l) EliminateLandmark(l, inverse_radius);
-  // Undamped, for the covariance, a direction that the data do not determine must be found out.
-  return reduced_.Factorise(inverse_radius > 0.0 ? 0.0 : 1e-11);
 }
 
 void WindowBa::EliminateLandmark(int landmark, double inverse_radius) noexcept {
@@ -259,6 +281,13 @@ double WindowBa::PredictedDecrease(double inverse_radius) const noexcept {
                     current_.point_gradient[l][i]);
     }
   }
+  if (marginal_.has_states) {
+    for (int i = 0; i < kNumNavStates; ++i) {
+      const double d = pose_step_[num_free_ + i / 6][i % 6];
+      twice += d * (Damping(current_.state_hessian(i, i), inverse_radius) * d -
+                    current_.state_gradient[i]);
+    }
+  }
   return 0.5 * twice;
 }
 
@@ -267,7 +296,16 @@ Expected<Mat6> WindowBa::PoseCovariance(int keyframe) noexcept {
     return Fail(Errc::kNotFound, "keyframe", keyframe);
   const int block = keyframes_[keyframe].block;
   if (block < 0) return Mat6(Mat6::Zero());
-  if (!Reduce(0.0)) return Fail(Errc::kDegenerate, "covariance", keyframe);
+  return BlockCovariance(block);
+}
+
+Expected<Mat6> WindowBa::NavStateCovariance() noexcept {
+  if (!solved_ || !marginal_.has_states) return Fail(Errc::kNotFound, "states");
+  return BlockCovariance(num_free_);
+}
+
+Expected<Mat6> WindowBa::BlockCovariance(int block) noexcept {
+  if (!Reduce(0.0)) return Fail(Errc::kDegenerate, "covariance", block);
   Mat6 covariance;
   for (int column = 0; column < 6; ++column) {
     for (Vec6& entry : pose_step_) entry.setZero();
@@ -275,7 +313,7 @@ Expected<Mat6> WindowBa::PoseCovariance(int keyframe) noexcept {
     reduced_.SolveInPlace(pose_step_.span());
     covariance.col(column) = pose_step_[block];
   }
-  if (!covariance.allFinite()) return Fail(Errc::kDegenerate, "covariance", keyframe);
+  if (!covariance.allFinite()) return Fail(Errc::kDegenerate, "covariance", block);
   return Mat6(0.5 * (covariance + covariance.transpose()));
 }
 

@@ -23,8 +23,8 @@ double Larger(double a, double b) { return std::max(a, b); }
 }  // namespace
 
 std::string_view ToString(NavReject reason) noexcept {
-  constexpr std::string_view kNames[kNumNavRejects] = {"not_finite", "sentinel", "out_of_range",
-                                                       "runs_backwards", "repeated"};
+  constexpr std::string_view kNames[kNumNavRejects] = {"not_finite",     "sentinel", "out_of_range",
+                                                       "runs_backwards", "repeated", "too_late"};
   return kNames[static_cast<int>(reason)];
 }
 
@@ -59,6 +59,7 @@ std::size_t NavBuffer::bytes() const {
 
 template <class Sample>
 bool NavBuffer::Store(const Sample& sample, TimedRingBuffer<Sample>* ring) noexcept {
+  if (sample.utime < horizon_) return Reject(NavReject::kTooLate), false;
   if (!ring->empty()) {
     const double late_s = SecondsFromUs(ring->back().utime - sample.utime);
     if (late_s > options_.max_late_s) return Reject(NavReject::kRunsBackwards), false;
@@ -266,6 +267,57 @@ Expected<NavMotion> NavBuffer::DeadReckon(Utime start, Utime end,
     FuseDepth(depth_end.value - depth_start.value, 2.0 * sigma * sigma, &motion);
   }
   return motion;
+}
+
+Expected<VelocityIntegral> NavBuffer::IntegrateVelocity(Utime start, Utime end,
+                                                        const NavSample& defaults) const noexcept {
+  if (end < start) return Fail(Errc::kOutOfOrder, "end");
+  AttitudeSample attitude;
+  VectorSample velocity;
+  if (!Interpolate(attitude_, start, &attitude)) return Fail(Errc::kNotEnoughData, "attitude");
+  if (!Interpolate(velocity_, start, &velocity)) return Fail(Errc::kNotEnoughData, "velocity");
+
+  VelocityIntegral sums;
+  Mat3 ned_from_body = attitude.value.toRotationMatrix();
+  const Mat3 start_rotation = ned_from_body;
+  const Vec3 start_velocity_ned = ned_from_body * velocity.value;
+  Vec3 velocity_ned = start_velocity_ned;
+  Mat3 turned_hat = ned_from_body * Hat(velocity.value);
+  Utime time = start;
+  int num_segments = 0;
+  // Each velocity sample inside the interval, then the end itself: at most the ring's size.
+  for (std::size_t i = velocity_.LowerBound(start + 1); time < end; ++i) {
+    const Utime next = i < velocity_.size() ? std::min(velocity_[i].utime, end) : end;
+    if (!Interpolate(attitude_, next, &attitude)) return Fail(Errc::kNotEnoughData, "attitude");
+    if (!Interpolate(velocity_, next, &velocity)) return Fail(Errc::kNotEnoughData, "velocity");
+    const double seconds = SecondsFromUs(next - time);
+    if (seconds > options_.max_gap_s) return Fail(Errc::kNotEnoughData, "velocity");
+    ned_from_body = attitude.value.toRotationMatrix();
+    const Vec3 next_velocity_ned = ned_from_body * velocity.value;
+    const Mat3 next_hat = ned_from_body * Hat(velocity.value);
+    sums.displacement_ned_m += 0.5 * seconds * (velocity_ned + next_velocity_ned);
+    sums.by_misalignment += 0.5 * seconds * (turned_hat + next_hat);
+    // A part of the time between two samples has their whole noise: it is shared with the rest.
+    double period_s = seconds;
+    if (i > 0 && i < velocity_.size())
+      period_s = std::max(period_s, SecondsFromUs(velocity_[i].utime - velocity_[i - 1].utime));
+    const Vec3 variance =
+        StatedOr(velocity.sigma, defaults.sigma_velocity_mps).cwiseAbs2() * seconds * period_s;
+    sums.covariance_m2 += ned_from_body * variance.asDiagonal() * ned_from_body.transpose();
+    velocity_ned = next_velocity_ned;
+    turned_hat = next_hat;
+    time = next;
+    ++num_segments;
+  }
+  sums.turned = ned_from_body - start_rotation;
+  sums.velocity_change_mps = velocity_ned - start_velocity_ned;
+  if (num_segments > 0) {
+    const Vec3 sigma_rad = StatedOr(attitude.sigma, defaults.sigma_attitude_rad);
+    const Mat3 lever = Hat(sums.displacement_ned_m);
+    sums.covariance_m2 += lever * sigma_rad.cwiseAbs2().asDiagonal() * lever.transpose() /
+                          static_cast<double>(num_segments);
+  }
+  return sums;
 }
 
 }  // namespace rsfm

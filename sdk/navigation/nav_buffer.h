@@ -3,6 +3,7 @@
 // reason.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <string_view>
@@ -32,8 +33,9 @@ enum class NavReject : std::uint8_t {
   kOutOfRange,     // beyond the option's limit, or a quaternion that is not of unit length
   kRunsBackwards,  // older than the newest of its kind by more than max_late_s
   kRepeated,       // same time as a stored one of its kind
+  kTooLate,        // older than the horizon: what it could tell has been summed up already
 };
-inline constexpr int kNumNavRejects = 5;
+inline constexpr int kNumNavRejects = 6;
 std::string_view ToString(NavReject reason) noexcept;  // "not_finite", ...
 
 // The body's motion between two times. Its rotation is `end * start.conjugate()`.
@@ -42,6 +44,16 @@ struct NavMotion {
   Mat3 covariance_m2 = Mat3::Zero();
   Quat ned_from_body_start = Quat::Identity();
   Quat ned_from_body_end = Quat::Identity();
+};
+
+// The sums that a displacement factor needs (nav_factor.h), from body velocity and attitude as
+// measured.
+struct VelocityIntegral {
+  Vec3 displacement_ned_m = Vec3::Zero();   // sum of R_i v_i dt
+  Mat3 by_misalignment = Mat3::Zero();      // sum of R_i Hat(v_i) dt
+  Mat3 turned = Mat3::Zero();               // R_end - R_start
+  Vec3 velocity_change_mps = Vec3::Zero();  // in NED
+  Mat3 covariance_m2 = Mat3::Zero();        // NED; noise alone, no biases
 };
 
 class NavBuffer {
@@ -74,6 +86,24 @@ class NavBuffer {
   //                   which
   //   kOutOfOrder     end before start
   Expected<NavMotion> DeadReckon(Utime start, Utime end, const NavSample& defaults) const noexcept;
+
+  // The same sums with what is to be known of the sensors' errors left to a factor. The noise of
+  // the velocities is independent from sample to sample, that of the attitudes too. Errors as
+  // DeadReckon.
+  Expected<VelocityIntegral> IntegrateVelocity(Utime start, Utime end,
+                                               const NavSample& defaults) const noexcept;
+
+  // f(utime, position_ned_m, sigma_m) for each position at start <= utime < end, as it was
+  // measured.
+  template <class F>
+  void ForEachPosition(Utime start, Utime end, F&& f) const {
+    for (std::size_t i = position_.LowerBound(start);
+         i < position_.size() && position_[i].utime < end; ++i)
+      f(position_[i].utime, position_[i].value, position_[i].sigma);
+  }
+
+  // From now on samples older than this are refused as kTooLate. Those that are there stay.
+  void SetHorizon(Utime horizon) { horizon_ = std::max(horizon_, horizon); }
 
   Utime newest() const { return newest_; }  // over all fields; 0 before the first
   std::size_t bytes() const;
@@ -115,6 +145,7 @@ class NavBuffer {
   std::array<std::uint64_t, kNumNavRejects> rejected_{};
   std::uint64_t accepted_ = 0;
   Utime newest_ = 0;
+  Utime horizon_ = 0;
 };
 
 }  // namespace rsfm

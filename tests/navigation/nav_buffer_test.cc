@@ -216,6 +216,53 @@ TEST(NavBuffer, DeadReckoningSaysWhatIsMissing) {
   EXPECT_EQ(nav.DeadReckon(3000000, 2000000, Defaults()).error().code, Errc::kOutOfOrder);
 }
 
+// The sums of a factor are those of dead reckoning, and its two matrices what a small misalignment
+// and a lever do to them.
+TEST(NavBuffer, IntegratesWhatAFactorNeeds) {
+  const auto make = [](const Vec3& misalignment) {
+    NavBuffer nav = MakeBuffer();
+    for (int i = 0; i <= 100; ++i) {
+      const double t = 0.1 * i;
+      nav.Insert(Attitude(t, ExpSo3(Vec3(0.1 * std::sin(t), 0.05, 0.4 * t))));
+      nav.Insert(Velocity(t, ExpSo3(misalignment) * Vec3(0.5, 0.1 * std::cos(t), 0.02)));
+    }
+    return nav;
+  };
+  const NavBuffer nav = make(Vec3::Zero());
+  const Utime start = UsFromSeconds(1.23), end = UsFromSeconds(7.81);
+  const auto sums = nav.IntegrateVelocity(start, end, Defaults());
+  const auto reckoned = nav.DeadReckon(start, end, Defaults());
+  ASSERT_TRUE(sums && reckoned);
+  EXPECT_LT((sums->displacement_ned_m - reckoned->displacement_ned_m).norm(), 1e-12);
+  EXPECT_LT((sums->turned - (reckoned->ned_from_body_end.toRotationMatrix() -
+                             reckoned->ned_from_body_start.toRotationMatrix()))
+                .norm(),
+            1e-12);
+  const Vec3 misalignment(0.002, -0.003, 0.004);
+  const auto turned = make(misalignment).IntegrateVelocity(start, end, Defaults());
+  ASSERT_TRUE(turned);
+  // Measured = true + misalignment x v, so that the truth is the measured sum plus B m.
+  EXPECT_LT((turned->displacement_ned_m + turned->by_misalignment * misalignment -
+             sums->displacement_ned_m)
+                .norm(),
+            1e-4);
+  EXPECT_GT((turned->displacement_ned_m - sums->displacement_ned_m).norm(), 5e-3);
+  EXPECT_STREQ(nav.IntegrateVelocity(0, UsFromSeconds(30.0), Defaults()).error().where, "attitude");
+  EXPECT_EQ(nav.IntegrateVelocity(end, start, Defaults()).error().code, Errc::kOutOfOrder);
+}
+
+TEST(NavBuffer, WhatComesAfterItsTimeIsRefusedAndCounted) {
+  NavBuffer nav = MakeBuffer();
+  nav.Insert(Depth(10.0, 3.0));
+  nav.SetHorizon(UsFromSeconds(9.0));
+  EXPECT_NE(nav.Insert(Depth(9.5, 3.0)), 0u);  // late, and still of use
+  EXPECT_EQ(nav.Insert(Depth(8.5, 3.0)), 0u);
+  EXPECT_EQ(nav.rejected(NavReject::kTooLate), 1u);
+  nav.SetHorizon(UsFromSeconds(5.0));  // never goes back
+  EXPECT_EQ(nav.Insert(Depth(8.6, 3.0)), 0u);
+  EXPECT_EQ(nav.rejected(NavReject::kTooLate), 2u);
+}
+
 TEST(NavBuffer, AllocatesOnlyWhenMade) {
   NavBuffer nav = MakeBuffer(64);
   Rng rng(2);
