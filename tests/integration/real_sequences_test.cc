@@ -110,7 +110,7 @@ TEST(RealSequences, SubvoBehindAFlatPortIsNoWorse) {
   EXPECT_LT(Evaluate(folder.path() / "model", truth)["position_rmse_mm"], kFlatPortMm);
   // What was found for each parameter of the port, and how well it is determined.
   bool has_distance = false;
-  for (const Json& parameter : refined["refined"]["parameters"]) {
+  for (const Json& parameter : refined["observability"]["parameters"]) {
     EXPECT_TRUE(parameter.contains("sigma") && parameter.contains("verdict")) << parameter;
     has_distance |= parameter["name"].get<std::string>().find("distance") != std::string::npos;
   }

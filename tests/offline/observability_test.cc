@@ -4,6 +4,7 @@
 
 #include "tests/support/rigs.h"
 #include "tests/support/survey.h"
+#include "tools/offline/bend.h"
 
 namespace rsfm {
 namespace {
@@ -22,15 +23,17 @@ CameraConfig Rig() {
   return config;
 }
 
-Solved Solve(const CameraConfig& config, const BundleOptions& options, std::uint64_t seed,
+SurveyOptions ThreeLines(std::uint64_t seed) {
+  SurveyOptions options;
+  options.lines = 3;
+  options.images_per_line = 5;
+  options.num_points = 400;
+  options.seed = seed;
+  return options;
+}
+
+Solved Solve(const CameraConfig& config, const BundleOptions& options, const Survey& survey,
              bool positions) {
-  const AnyCamera camera = *AnyCamera::Create(config);
-  SurveyOptions survey_options;
-  survey_options.lines = 3;
-  survey_options.images_per_line = 5;
-  survey_options.num_points = 400;
-  survey_options.seed = seed;
-  const Survey survey = MakeSurvey(camera, survey_options);
   Solved solved;
   solved.start = config;
   solved.problem.cameras = {config};
@@ -44,6 +47,15 @@ Solved Solve(const CameraConfig& config, const BundleOptions& options, std::uint
         k, Rigid3(), survey.camera_from_world[k].OriginOfTarget(), Vec3::Constant(0.01)));
   EXPECT_TRUE(AdjustBundle(options, &solved.problem));
   return solved;
+}
+
+Survey TrueSurvey(const CameraConfig& config, std::uint64_t seed) {
+  return MakeSurvey(*AnyCamera::Create(config), ThreeLines(seed));
+}
+
+Solved Solve(const CameraConfig& config, const BundleOptions& options, std::uint64_t seed,
+             bool positions) {
+  return Solve(config, options, TrueSurvey(config, seed), positions);
 }
 
 TEST(ObservabilityTest, SigmasAreThoseOfRepeatedExperiments) {
@@ -98,6 +110,77 @@ TEST(ObservabilityTest, NothingRefinedIsAnEmptyList) {
   const auto report = AnalyseObservability({}, {solved.start}, solved.problem);
   ASSERT_TRUE(report);
   EXPECT_TRUE(report->parameters.empty());
+}
+
+// Twelve experiments: the bend's error against its own sigma.
+TEST(ObservabilityTest, SigmaOfTheBendIsThatOfRepeatedExperiments) {
+  const CameraConfig truth = Rig();
+  double squares = 0.0;
+  for (int i = 0; i < 12; ++i) {
+    const auto seed = 300 + static_cast<std::uint64_t>(i);
+    BundleOptions options;
+    options.loss.type = LossType::kNone;
+    const Solved solved = Solve(truth, options, seed, false);
+    const auto report = AnalyseObservability(options, {solved.start}, solved.problem);
+    ASSERT_TRUE(report && report->bend);
+    std::vector<Vec3> places;
+    Vec3 up = Vec3::Zero();
+    for (const Rigid3& pose : TrueSurvey(truth, seed).camera_from_world) {
+      places.push_back(pose.OriginOfTarget());
+      up -= pose.rotation.conjugate() * Vec3::UnitZ();
+    }
+    squares += std::pow(
+        (report->bend->sagitta_m - FitBend(places, up)->sagitta_m) / report->bend->sigma_m, 2);
+  }
+  EXPECT_GT(squares, 3.0);
+  EXPECT_LT(squares, 30.0);
+}
+
+// A level camera over level ground: distortion and a bowl look alike.
+//   [James & Robson 2014, Earth Surf. Process. Landforms 39]
+TEST(ObservabilityTest, AFreeLensLeavesTheBendOpen) {
+  SurveyOptions level = ThreeLines(1);
+  level.tilt_rad = 0.0;
+  level.relief_m = 0.02;
+  const Survey survey = MakeSurvey(*AnyCamera::Create(Rig()), level);
+  BundleOptions free;
+  free.lens.focal = free.lens.distortion = true;
+  const Solved known = Solve(Rig(), {}, survey, false), refined = Solve(Rig(), free, survey, false);
+  const auto with = AnalyseObservability({}, {known.start}, known.problem);
+  const auto without = AnalyseObservability(free, {refined.start}, refined.problem);
+  ASSERT_TRUE(without && with && without->bend && with->bend);
+  EXPECT_GT(without->bend->sigma_m, 2.0 * with->bend->sigma_m);
+}
+
+// A camera file whose focal length is 10 % off, or whose port is tilted another way, is found out;
+// a right one is not accused.
+TEST(ObservabilityTest, DoubtsAWrongCameraFile) {
+  const CameraConfig truth = Rig();
+  const auto held_in = [&](const CameraConfig& file) {
+    Solved solved = Solve(truth, {}, 1, true);
+    solved.problem.cameras = {file};
+    EXPECT_TRUE(AdjustBundle({}, &solved.problem));
+    const auto report = AnalyseObservability({}, {file}, solved.problem);
+    EXPECT_TRUE(report);
+    return report->held;
+  };
+  const std::vector<ParameterDoubt> right = held_in(truth);
+  ASSERT_EQ(right.size(), 4u);  // fx, fy and two of the normal
+  for (const ParameterDoubt& d : right) EXPECT_LT(std::abs(d.step), 4.0 * d.sigma) << d.name;
+  CameraConfig longer = truth;
+  longer.lens_params[0] *= 1.1;
+  longer.lens_params[1] *= 1.1;
+  const std::vector<ParameterDoubt> focal = held_in(longer);
+  EXPECT_EQ(focal[0].name, "fx");
+  EXPECT_LT(focal[0].step, -0.03 * longer.lens_params[0]);
+  EXPECT_GT(std::abs(focal[0].step), 5.0 * focal[0].sigma);
+  CameraConfig tilted = truth;
+  tilted.port.normal = Vec3(0.0, 0.05, 1.0).normalized();
+  for (const ParameterDoubt& d : held_in(tilted)) {
+    if (d.name != "port.normal_x") continue;
+    EXPECT_NEAR(d.step, 0.1, 0.05);
+    EXPECT_GT(d.step, 5.0 * d.sigma);
+  }
 }
 
 TEST(ObservabilityTest, Words) {

@@ -140,8 +140,8 @@ TEST_F(RefineMissionTest, ModelFolderHasItAll) {
   EXPECT_LT(report["after"]["mean_error_px"].get<double>(), 0.52);
   EXPECT_EQ(report["world"]["scale"], "held");
   // fx fy cx cy, two of the normal, the distance.
-  EXPECT_EQ(report["refined"]["parameters"].size(), 7u);
-  for (const auto& parameter : report["refined"]["parameters"]) {
+  EXPECT_EQ(report["observability"]["parameters"].size(), 7u);
+  for (const auto& parameter : report["observability"]["parameters"]) {
     EXPECT_TRUE(parameter["verdict"].is_string());
     EXPECT_GT(parameter["sigma"].get<double>(), 0.0);
   }

@@ -70,7 +70,7 @@ TEST_F(IncrementalTest, AKnownBaselineGivesTheScale) {
     const double length = (survey_.camera_from_world[a].OriginOfTarget() -
                            survey_.camera_from_world[b].OriginOfTarget())
                               .norm();
-    return std::optional(StartOptions::Baseline{length, 1e-3 * length});
+    return std::optional(KnownBaseline{length, 1e-3 * length});
   };
   options_.bundle.port.distance = true;  // whose refinement leaves the scale to the baseline
   const auto result = ReconstructIncrementally(options_, pairs_, "", &scene_);

@@ -7,6 +7,7 @@
 #include "tests/support/temporary_folder.h"
 #include "tools/evaluation/alignment.h"
 #include "tools/evaluation/mesh.h"
+#include "tools/offline/bend.h"
 
 namespace rsfm {
 namespace {
@@ -88,6 +89,73 @@ TEST(AlignmentTest, AStraightTrackIsAlignedByItsAttitudes) {
   EXPECT_LT(AngleBetween(found->transform.rotation, truth.transform.rotation), 1e-7);
 }
 
+// Attitude and depth are sensed: only heading and place may be aligned, and a tilt remains.
+TEST(AlignmentTest, YawTurnsAboutTheVerticalAlone) {
+  Rng rng(6);
+  const Rigid3 truth(ExpSo3(Vec3(0, 0, 2.5)), Vec3(10, -20, 3));
+  std::vector<Vec3> from, to, tilted;
+  for (int i = 0; i < 10; ++i) {
+    from.push_back(RandomVector(&rng));
+    to.push_back(truth * from.back());
+    tilted.push_back(ExpSo3(Vec3(0.1, 0, 0)) * from.back());
+  }
+  const auto found = AlignPoints(from, to, Alignment::kYaw);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->scale, 1.0);
+  EXPECT_LT(AngleBetween(found->transform.rotation, truth.rotation), 1e-7);
+  EXPECT_LT((found->transform.translation - truth.translation).norm(), 1e-11);
+  const auto left = AlignPoints(from, tilted, Alignment::kYaw);
+  ASSERT_TRUE(left);
+  EXPECT_EQ(left->transform.rotation.vec().head<2>(), Vec2::Zero());
+  const std::vector<Vec3> upright = {Vec3(1, 1, 0), Vec3(1, 1, 1), Vec3(1, 1, 2)};
+  EXPECT_EQ(AlignPoints(upright, upright, Alignment::kYaw).error().code, Errc::kDegenerate);
+}
+
+TEST(AlignmentTest, IsNamed) {
+  EXPECT_EQ(AlignmentNamed("yaw"), Alignment::kYaw);
+  EXPECT_EQ(AlignmentNamed("sim3"), Alignment::kSim3);
+  EXPECT_EQ(AlignmentNamed("Sim3"), std::nullopt);
+}
+
+// A bowl of 2 cm over 3 m, turned, with a tilt and a height: all of it found, none on the flat.
+TEST(BendTest, FindsTheParaboloid) {
+  Rng rng(7);
+  const Rigid3 turned(ExpSo3(Vec3(0.4, -0.3, 1.0)), Vec3(5, 6, 7));
+  const Vec3 up = turned.rotation * Vec3::UnitZ();
+  std::vector<Vec3> bowl, flat;
+  for (int i = 0; i < 4000; ++i) {
+    const Vec2 p(rng.Uniform(-3, 3), rng.Uniform(-3, 3));
+    const double tilt = 0.2 * p.x() - 0.1 * p.y() + 4.0;
+    bowl.push_back(turned * Vec3(p.x(), p.y(), tilt - 0.02 * p.squaredNorm() / 9.0));
+    flat.push_back(turned * Vec3(p.x(), p.y(), tilt));
+  }
+  const auto found = FitBend(bowl, up);
+  ASSERT_TRUE(found);
+  EXPECT_FALSE(found->along_line);
+  EXPECT_NEAR(found->sagitta_m, 0.02 * std::pow(found->radius_m / 3.0, 2), 1e-5);
+  EXPECT_NEAR(FitBend(bowl, -up)->sagitta_m, -found->sagitta_m, 1e-12);
+  EXPECT_NEAR(FitBend(flat, up)->sagitta_m, 0.0, 1e-9);
+  // The weights are the sagitta's derivative.
+  double sum = 0.0;
+  for (std::size_t i = 0; i < bowl.size(); ++i) sum += found->weights[i].dot(bowl[i]);
+  EXPECT_NEAR(sum, found->sagitta_m, 1e-9);
+}
+
+TEST(BendTest, OfALineIsAlongIt) {
+  std::vector<Vec3> line;
+  for (int i = 0; i <= 20; ++i)
+    line.emplace_back(i - 10, 0.01 * (i % 3), -1e-3 * (i - 10) * (i - 10));
+  const auto found = FitBend(line, Vec3::UnitZ());
+  ASSERT_TRUE(found);
+  EXPECT_TRUE(found->along_line);
+  EXPECT_NEAR(found->sagitta_m, 1e-3 * found->radius_m * found->radius_m, 1e-5);
+  EXPECT_EQ(FitBend(line, Vec3::Zero()).error().code, Errc::kDegenerate);
+  EXPECT_EQ(FitBend(std::vector<Vec3>(5, Vec3::Zero()), Vec3::UnitZ()).error().code,
+            Errc::kNotEnoughData);
+  EXPECT_EQ(FitBend(std::vector<Vec3>(9, Vec3::Zero()), Vec3::UnitZ()).error().code,
+            Errc::kDegenerate);
+}
+
 TEST(MeshTest, DistanceAgreesWithBruteForce) {
   Rng rng(4);
   std::vector<Vec3> vertices;
@@ -108,7 +176,7 @@ TEST(MeshTest, DistanceAgreesWithBruteForce) {
           (ClosestPointOnTriangle(point, vertices[t[0]], vertices[t[1]], vertices[t[2]]) - point)
               .norm());
     }
-    EXPECT_DOUBLE_EQ(mesh.Distance(point), best);
+    EXPECT_DOUBLE_EQ((mesh.Closest(point) - point).norm(), best);
   }
 }
 
@@ -140,8 +208,8 @@ TEST(MeshTest, ReadsPly) {
   const auto mesh = TriangleMesh::ReadPly(path);
   ASSERT_TRUE(mesh) << ToString(mesh.error());
   EXPECT_EQ(mesh->num_triangles(), 2u);
-  EXPECT_DOUBLE_EQ(mesh->Distance(Vec3(0.2, 0.9, 3.0)), 3.0);
-  EXPECT_DOUBLE_EQ(mesh->Distance(Vec3(2.0, 0.5, 0.0)), 1.0);
+  EXPECT_LT((mesh->Closest(Vec3(0.2, 0.9, 3.0)) - Vec3(0.2, 0.9, 0.0)).norm(), 1e-15);
+  EXPECT_LT((mesh->Closest(Vec3(2.0, 0.5, 0.0)) - Vec3(1.0, 0.5, 0.0)).norm(), 1e-15);
   for (const char* body : {"0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 9\n", "0 0 0\n1 0 0\n",
                            "0 0 0\n1 0 0\n1 1 0\n0 nan 0\n4 0 1 2 3\n"}) {
     ASSERT_TRUE(WriteFileAtomically(path, header + body));

@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
+#include <cmath>
 #include <vector>
 
 namespace rsfm {
@@ -44,12 +45,26 @@ Similarity Complete(const Moments& m, const Quat& rotation, Alignment alignment)
 
 }  // namespace
 
+std::optional<Alignment> AlignmentNamed(std::string_view name) {
+  if (name == "none") return Alignment::kNone;
+  if (name == "yaw") return Alignment::kYaw;
+  if (name == "se3") return Alignment::kSe3;
+  if (name == "sim3") return Alignment::kSim3;
+  return std::nullopt;
+}
+
 Expected<Similarity> AlignPoints(std::span<const Vec3> from, std::span<const Vec3> to,
                                  Alignment alignment) {
   if (alignment == Alignment::kNone) return Similarity();
   if (from.size() != to.size()) return Fail(Errc::kInvalidArgument, "from, to");
   if (from.size() < 3) return Fail(Errc::kNotEnoughData, "positions");
   const Moments m = ComputeMoments(from, to);
+  if (alignment == Alignment::kYaw) {
+    const double sine = m.covariance(1, 0) - m.covariance(0, 1);
+    const double cosine = m.covariance(0, 0) + m.covariance(1, 1);
+    if (!(std::hypot(sine, cosine) > 0.0)) return Fail(Errc::kDegenerate, "positions");
+    return Complete(m, Quat(Eigen::AngleAxisd(std::atan2(sine, cosine), Vec3::UnitZ())), alignment);
+  }
   const Eigen::JacobiSVD<Mat3> svd(m.covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const Vec3 d = svd.singularValues();
   if (!(d[0] > 0.0) || d[1] < kLineRatio * kLineRatio * d[0]) {
@@ -72,7 +87,7 @@ Expected<Similarity> AlignPoses(std::span<const Rigid3> from, std::span<const Ri
     to_positions.push_back(to[i].translation);
   }
   const auto aligned = AlignPoints(from_positions, to_positions, alignment);
-  if (aligned) return aligned;
+  if (aligned || alignment == Alignment::kYaw) return aligned;
   // The chordal mean of to * from^-1: the eigenvector of sum q q^T of the largest eigenvalue.
   //   [Markley 2007, J. Guidance, Control and Dynamics 30(4), eqs. (12)-(13)]
   Mat4 sum = Mat4::Zero();

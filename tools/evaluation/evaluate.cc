@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <numbers>
-#include <unordered_map>
 
 #include "rsfm/base/so3.h"
 #include "rsfm/refraction/any_camera.h"
@@ -13,53 +11,18 @@
 namespace rsfm {
 namespace {
 
-constexpr Utime kMatchToleranceUs = 1000;
 constexpr double kDegrees = 180.0 / std::numbers::pi;
-
-std::string LastPart(const std::string& name) {
-  return std::filesystem::path(name).filename().string();
-}
 
 struct Pairs {
   std::vector<Rigid3> estimate, truth;  // world_from_camera
   int num_unmatched = 0;
 };
 
-class TruthFinder {
- public:
-  explicit TruthFinder(const GroundTruth& truth) {
-    for (const TrajectoryPose& pose : truth.poses) {
-      if (pose.image.empty()) {
-        by_time_[pose.utime] = &pose;
-      } else {
-        by_name_[pose.image] = &pose;
-        by_last_part_[LastPart(pose.image)] = &pose;
-      }
-    }
-  }
-
-  const TrajectoryPose* Find(const TrajectoryPose& estimate) const {
-    for (const auto& [index, key] :
-         {std::pair{&by_name_, estimate.image}, {&by_last_part_, LastPart(estimate.image)}}) {
-      const auto found = index->find(key);
-      if (found != index->end()) return found->second;
-    }
-    if (estimate.utime == 0) return nullptr;
-    const auto next = by_time_.lower_bound(estimate.utime - kMatchToleranceUs);
-    if (next == by_time_.end() || next->first > estimate.utime + kMatchToleranceUs) return nullptr;
-    return next->second;
-  }
-
- private:
-  std::unordered_map<std::string, const TrajectoryPose*> by_name_, by_last_part_;
-  std::map<Utime, const TrajectoryPose*> by_time_;
-};
-
 Pairs Match(const std::vector<TrajectoryPose>& estimate, const GroundTruth& truth) {
-  const TruthFinder finder(truth);
+  const TruthIndex index(truth);
   Pairs pairs;
   for (const TrajectoryPose& pose : estimate) {
-    const TrajectoryPose* match = finder.Find(pose);
+    const TrajectoryPose* match = index.Find(pose);
     if (match == nullptr) {
       ++pairs.num_unmatched;
       continue;
@@ -78,15 +41,17 @@ Expected<Similarity> Align(const Pairs& pairs, bool has_rotations, Alignment ali
   return AlignPoints(from, to, alignment);
 }
 
-IoStatus SetPointErrors(const Model& model, const std::filesystem::path& mesh_file,
-                        Evaluation* result) {
-  if (mesh_file.empty() || model.points.empty()) return {};
+// Against the mesh, where there is one.
+IoStatus SetPointErrors(const std::vector<Vec3>& points, const std::filesystem::path& mesh_file,
+                        std::vector<Vec3>* nearest, Evaluation* result) {
+  if (mesh_file.empty() || points.empty()) return {};
   const auto mesh = TriangleMesh::ReadPly(mesh_file);
   if (!mesh) return Fail(mesh.error());
   std::vector<double> errors;
   double sum = 0.0;
-  for (const ModelPoint& point : model.points) {
-    errors.push_back(1e3 * mesh->Distance(result->truth_from_estimate * point.xyz));
+  for (const Vec3& point : points) {
+    nearest->push_back(mesh->Closest(point));
+    errors.push_back(1e3 * (nearest->back() - point).norm());
     sum += errors.back();
   }
   const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
@@ -94,6 +59,28 @@ IoStatus SetPointErrors(const Model& model, const std::filesystem::path& mesh_fi
   result->point_error_mm = sum / static_cast<double>(errors.size());
   result->point_error_median_mm = *middle;
   return {};
+}
+
+// Of the points' heights, over the mesh where `nearest` has its places. Points far off it are wrong
+// matches, not a bend.
+std::optional<Bend> BendOf(std::vector<Vec3> points, const std::vector<Vec3>& nearest,
+                           const Pairs& pairs, const Evaluation& result) {
+  constexpr double kOneWay = 0.8, kFarOff = 10.0;
+  Vec3 up = Vec3::Zero();
+  for (const Rigid3& pose : pairs.estimate)
+    up -= result.truth_from_estimate.transform.rotation * (pose.rotation * Vec3::UnitZ());
+  if (up.norm() < kOneWay * static_cast<double>(pairs.estimate.size())) return std::nullopt;
+  up.normalize();
+  if (!nearest.empty()) {
+    const double limit_m = kFarOff * 1e-3 * *result.point_error_median_mm;
+    std::vector<Vec3> over_mesh;
+    for (std::size_t i = 0; i < points.size(); ++i)
+      if ((points[i] - nearest[i]).norm() <= limit_m)
+        over_mesh.push_back(points[i] - up.dot(nearest[i]) * up);
+    points = std::move(over_mesh);
+  }
+  const auto bend = FitBend(points, up);
+  return bend ? std::optional(*bend) : std::nullopt;
 }
 
 }  // namespace
@@ -154,9 +141,12 @@ IoExpected<Evaluation> Evaluate(const Model& model, const std::vector<Trajectory
   result.position_rmse_mm = std::sqrt(squares / n);
   if (truth.has_rotations) result.rotation_error_deg = rotation_sum / n;
   result.reprojection_error_px = MeanReprojectionError(model);
-  if (auto status = SetPointErrors(model, truth.mesh, &result); !status) {
+  std::vector<Vec3> points, nearest;
+  for (const ModelPoint& point : model.points) points.push_back(*aligned * point.xyz);
+  if (auto status = SetPointErrors(points, truth.mesh, &nearest, &result); !status) {
     return Fail(status.error());
   }
+  if (truth.has_rotations) result.bend = BendOf(std::move(points), nearest, pairs, result);
   return result;
 }
 

@@ -9,6 +9,7 @@
 #include "rsfm/io/trajectory.h"
 #include "tools/evaluation/alignment.h"
 #include "tools/evaluation/ground_truth.h"
+#include "tools/offline/bend.h"
 
 namespace rsfm {
 
@@ -23,10 +24,12 @@ struct Evaluation {
   std::optional<double> reprojection_error_px;  // mean over observations
   std::optional<double> point_error_mm;         // mean distance of the points to the mesh
   std::optional<double> point_error_median_mm;
+  // Of the points, cameras looking one way: what they bend more than the mesh does where there is
+  // one, else what they bend. 0 of a seafloor that is flat and mapped as such.
+  std::optional<Bend> bend;
 };
 
-// Images are matched by name (by the last part of it where the folders differ), or by time to
-// within a millisecond where one side has no names.
+// Images are matched by TruthIndex.
 IoExpected<Evaluation> Evaluate(const Model& model, const std::vector<TrajectoryPose>& estimate,
                                 const GroundTruth& truth, Alignment alignment);
 

@@ -69,7 +69,31 @@ IoExpected<GroundTruth> ReadTumTruth(const fs::path& path) {
   return truth;
 }
 
+std::string LastPart(const std::string& name) { return fs::path(name).filename().string(); }
+
 }  // namespace
+
+TruthIndex::TruthIndex(const GroundTruth& truth) {
+  for (const TrajectoryPose& pose : truth.poses) {
+    if (pose.utime != 0 || pose.image.empty()) by_time_[pose.utime] = &pose;
+    if (pose.image.empty()) continue;
+    by_name_[pose.image] = &pose;
+    by_last_part_[LastPart(pose.image)] = &pose;
+  }
+}
+
+const TrajectoryPose* TruthIndex::Find(const TrajectoryPose& estimate) const {
+  for (const auto& [index, key] :
+       {std::pair{&by_name_, estimate.image}, {&by_last_part_, LastPart(estimate.image)}}) {
+    const auto found = index->find(key);
+    if (!key.empty() && found != index->end()) return found->second;
+  }
+  constexpr Utime kToleranceUs = 1000;
+  if (estimate.utime == 0) return nullptr;
+  const auto next = by_time_.lower_bound(estimate.utime - kToleranceUs);
+  return next != by_time_.end() && next->first <= estimate.utime + kToleranceUs ? next->second
+                                                                                : nullptr;
+}
 
 IoExpected<GroundTruth> ReadGroundTruth(const fs::path& path) {
   std::error_code error;

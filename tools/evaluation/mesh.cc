@@ -79,9 +79,10 @@ double TriangleMesh::SquaredDistanceToBox(const Node& node, const Vec3& point) c
   return (node.low - point).cwiseMax(point - node.high).cwiseMax(0.0).squaredNorm();
 }
 
-double TriangleMesh::Distance(const Vec3& point) const {
+Vec3 TriangleMesh::Closest(const Vec3& point) const {
   double best = std::numeric_limits<double>::infinity();
-  if (nodes_.empty()) return best;
+  Vec3 nearest = Vec3::Constant(best);
+  if (nodes_.empty()) return nearest;
   std::array<std::int32_t, 128> stack;  // depth-first over a balanced tree: at most its depth + 1
   std::size_t size = 0;
   stack[size++] = 0;
@@ -102,10 +103,12 @@ double TriangleMesh::Distance(const Vec3& point) const {
       const Vec3 closest = ClosestPointOnTriangle(point, vertices_[static_cast<std::size_t>(t[0])],
                                                   vertices_[static_cast<std::size_t>(t[1])],
                                                   vertices_[static_cast<std::size_t>(t[2])]);
-      best = std::min(best, (closest - point).squaredNorm());
+      if ((closest - point).squaredNorm() >= best) continue;
+      best = (closest - point).squaredNorm();
+      nearest = closest;
     }
   }
-  return std::sqrt(best);
+  return nearest;
 }
 
 IoExpected<TriangleMesh> TriangleMesh::ReadPly(const std::filesystem::path& path) {

@@ -19,8 +19,8 @@ class TriangleMesh {
   // PLY, ascii or binary little-endian; faces with more than three corners are fanned.
   static IoExpected<TriangleMesh> ReadPly(const std::filesystem::path& path);
 
-  // To the nearest point of any triangle, metres.
-  double Distance(const Vec3& point) const;
+  // The nearest point of any triangle; infinitely far where there is none.
+  Vec3 Closest(const Vec3& point) const;
 
   std::size_t num_triangles() const { return triangles_.size(); }
 

@@ -1,7 +1,8 @@
-// How well the data determine the lens and the port: standard deviations at the solution, with
-// everything else marginalised out, and how each parameter goes along with the scale.
+// How well the data determine what a bundle adjustment found: lens, port, scale and the bend of the
+// map; standard deviations at the solution, with everything else marginalised out.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,10 +20,25 @@ struct ParameterEstimate {
   std::string verdict;  // "well determined", "determined", "weakly determined", "not determined"
 };
 
+// How the images' places bend over their extent (bend.h), and how well that is known.
+struct BendEstimate {
+  double sagitta_m = 0.0, sigma_m = 0.0, radius_m = 0.0;
+  bool along_line = false;
+};
+
+// What the residuals say of a parameter that was held: the step it would take, were it free, all
+// else following. Where the camera is right, steps lie within a few sigmas of 0.
+struct ParameterDoubt {
+  std::string name;
+  double value = 0.0, step = 0.0, sigma = 0.0;
+};
+
 struct ObservabilityReport {
   double noise_px = 0.0;     // of one image coordinate, from the residuals
   double scale_sigma = 0.0;  // of the scale, a ratio, were it not held: what the data know of it
   std::vector<ParameterEstimate> parameters;  // the refined ones
+  std::optional<BendEstimate> bend;           // of a survey: cameras that look one way
+  std::vector<ParameterDoubt> held;  // focal length, port normal and centre where they were held
 };
 
 // At a solved problem; `start` has the cameras as they were. An empty list where nothing is

@@ -171,11 +171,9 @@ IoExpected<RefineResult> Refine(const RefineRequest& request) {
   result.scene = std::move(*report);
   result.camera_after = scene.camera;
   if (result.scene.interrupted) return result;
-  if (options.bundle.lens.Any() || RefinesPort(scene.camera.port.type, options.bundle.port)) {
-    const auto observability =
-        AnalyseObservability(options.bundle, {result.camera_before}, ToBundle(scene).problem);
-    if (observability) result.observability = *observability;
-  }
+  const auto observability =
+      AnalyseObservability(options.bundle, {result.camera_before}, ToBundle(scene).problem);
+  if (observability) result.observability = *observability;
   DescribeWorld(result.alignment, result.scene.from_scratch, &scene, &loaded->rig.world);
   result.model = ModelFromScene(scene, loaded->rig);
   return result;

@@ -29,7 +29,7 @@ struct RefineRequest {
 struct RefineResult {
   RefineSceneReport scene;
   NavigationAlignment alignment;
-  std::optional<ObservabilityReport> observability;  // where lens or port were refined
+  std::optional<ObservabilityReport> observability;  // none where the poses are not determined
   CameraConfig camera_before, camera_after;
   int num_images = 0;  // offered
   // The index of water that the mapper had, over the images it placed; one is used for all of them:

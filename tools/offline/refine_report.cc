@@ -39,12 +39,6 @@ Json GaugeJson(const RefineResult& result) {
   return json;
 }
 
-Json ObservabilityJson(const ObservabilityReport& report) {
-  return {{"noise_px", report.noise_px},
-          {"scale_sigma_from_images", report.scale_sigma},
-          {"parameters", ParametersJson(report)}};
-}
-
 }  // namespace
 
 std::string FormatRefineReport(const RefineRequest& request, const RefineResult& result) {
@@ -82,7 +76,9 @@ std::string FormatRefineReport(const RefineRequest& request, const RefineResult&
   }
   json["camera_before"] = CameraJson(result.camera_before);
   json["camera_after"] = CameraJson(result.camera_after);
-  json["refined"] = result.observability ? ObservabilityJson(*result.observability) : Json();
+  json["observability"] = result.observability ? ObservabilityJson(*result.observability) : Json();
+  json["warnings"] = result.observability ? ObservabilityWarnings(*result.observability)
+                                          : std::vector<std::string>();
   json["rounds"] = Json::array();
   for (const RefineRound& round : scene.rounds) json["rounds"].push_back(RoundJson(round));
   return json.dump(2) + "\n";

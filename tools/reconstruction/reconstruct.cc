@@ -6,6 +6,7 @@
 #include <set>
 
 #include "rsfm/io/atomic_output.h"
+#include "tools/offline/report_json.h"
 #include "tools/offline/uwpinhole.h"
 #include "tools/reconstruction/verification.h"
 
@@ -191,9 +192,9 @@ class Reconstruction {
     options.placing.seed = request_.seed;
     options.start.placing = options.placing;
     options.start.range_m = result_.range_m > 0.0 ? result_.range_m : 3.0;
-    options.start.baseline = [this](int a, int b) -> std::optional<StartOptions::Baseline> {
+    options.start.baseline = [this](int a, int b) -> std::optional<KnownBaseline> {
       if (request_.first_baseline_m > 0.0)
-        return StartOptions::Baseline{request_.first_baseline_m, 1e-3 * request_.first_baseline_m};
+        return KnownBaseline{request_.first_baseline_m, 1e-3 * request_.first_baseline_m};
       return UsesNavigation() ? at_images_->BaselineOf(a, b) : std::nullopt;
     };
     if (at_images_ && !request_.nav_scale_only)
@@ -212,7 +213,7 @@ class Reconstruction {
     alignment_ = {};
     if (!UsesNavigation()) return;
     alignment_ = AlignToNavigation(navigation_, scene);
-    const std::string why = Contradiction(at_images_->Compare(*scene), alignment_);
+    const std::string why = Contradiction(at_images_->Compare(PlacedPoses(*scene)), alignment_);
     if (!why.empty() && scene->NumPlaced() >= 6) {
       Distrust(why);
       alignment_ = {};
@@ -303,13 +304,12 @@ class Reconstruction {
     model.report = from.report;
     if (!request_.nav_scale_only) Navigate(&scene_);
     model.alignment = alignment_;
-    if (UsesNavigation() && !request_.nav_scale_only) model.residuals = at_images_->Compare(scene_);
+    if (UsesNavigation() && !request_.nav_scale_only)
+      model.residuals = at_images_->Compare(PlacedPoses(scene_));
     model.camera = scene_.camera;
-    if (scene_.camera.port.type != PortType::kNone || bundle.lens.Any()) {
-      const auto observability =
-          AnalyseObservability(bundle, {result_.camera_before}, ToBundle(scene_).problem);
-      if (observability) model.observability = *observability;
-    }
+    const auto observability =
+        AnalyseObservability(bundle, {result_.camera_before}, ToBundle(scene_).problem);
+    if (observability) model.observability = *observability;
     for (ScenePoint& point : scene_.points) point.rgb = ColourOf(point);
     Rig rig = rig_;
     DescribeWorld(model, &rig.world);
@@ -384,6 +384,9 @@ class Reconstruction {
           " images stand where matches with their neighbours contradict: patterns that repeat; "
           "the map is not to be trusted there. Give navigation (--nav), or leave the images out");
     }
+    if (result_.models[0].observability)
+      for (std::string& warning : ObservabilityWarnings(*result_.models[0].observability))
+        result_.warnings.push_back(std::move(warning));
     const double rms = result_.models[0].report.errors.rms_px;
     if (rms > 1.5) {
       char text[200];

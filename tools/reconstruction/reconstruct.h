@@ -8,9 +8,9 @@
 #include <vector>
 
 #include "rsfm/io/model.h"
+#include "tools/offline/image_navigation.h"
 #include "tools/offline/observability.h"
 #include "tools/reconstruction/extraction.h"
-#include "tools/reconstruction/image_navigation.h"
 #include "tools/reconstruction/incremental.h"
 #include "tools/reconstruction/match_store.h"
 #include "tools/reconstruction/pair_selection.h"
@@ -47,7 +47,7 @@ struct ReconstructedModel {
   CameraConfig camera;
   NavigationAlignment alignment;                     // all false without navigation
   std::optional<NavigationResiduals> residuals;      // with navigation
-  std::optional<ObservabilityReport> observability;  // with a port, or where lens is refined
+  std::optional<ObservabilityReport> observability;  // none where the poses are not determined
 };
 
 struct ReconstructResult {

@@ -29,24 +29,8 @@ Json NavigationJson(const ReconstructedModel& model) {
                {"position", model.alignment.position},
                {"depth", model.alignment.depth},
                {"scale", model.alignment.scale}};
-  if (model.residuals) {
-    const NavigationResiduals& r = *model.residuals;
-    json["residuals"] = {{"positions", r.num_positions},
-                         {"position_rms_m", r.position_rms_m},
-                         {"position_max_m", r.position_max_m},
-                         {"position_sigma_m", r.position_sigma_m},
-                         {"attitudes", r.num_attitudes},
-                         {"attitude_median_deg", r.attitude_median_deg},
-                         {"depths", r.num_depths},
-                         {"depth_rms_m", r.depth_rms_m}};
-  }
+  if (model.residuals) json["residuals"] = ResidualsJson(*model.residuals);
   return json;
-}
-
-Json ObservabilityJson(const ObservabilityReport& report) {
-  return {{"noise_px", report.noise_px},
-          {"scale_sigma", report.scale_sigma},
-          {"parameters", ParametersJson(report)}};
 }
 
 Json ModelJson(const ReconstructRequest& request, const ReconstructResult& result,

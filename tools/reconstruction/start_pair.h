@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "tools/offline/image_navigation.h"
 #include "tools/offline/placing.h"
 
 namespace rsfm {
@@ -14,11 +15,8 @@ struct StartOptions {
   PlacingOptions placing;
   int max_trials = 24;
   double range_m = 2.0;  // of the scene, roughly: the scale where nothing tells it
-  // The baseline's length between two images where navigation knows it [m], and its sigma.
-  struct Baseline {
-    double length_m = 0.0, sigma_m = 0.0;
-  };
-  std::function<std::optional<Baseline>(int a, int b)> baseline;
+  // Between two images, where navigation knows it.
+  std::function<std::optional<KnownBaseline>(int a, int b)> baseline;
 };
 
 struct StartPair {

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <numbers>
 
 #include "rsfm/base/so3.h"
@@ -84,30 +83,6 @@ void MeasureResiduals(const Model& model, ReportData* data) {
   }
 }
 
-std::string LastPart(const std::string& name) { return fs::path(name).filename().string(); }
-
-// The truth's pose of the same image, by name or by time to a millisecond.
-class TruthIndex {
- public:
-  explicit TruthIndex(const std::vector<TrajectoryPose>& truth) {
-    for (const TrajectoryPose& pose : truth) {
-      if (!pose.image.empty()) by_name_[LastPart(pose.image)] = &pose;
-      if (pose.utime != 0) by_time_[pose.utime] = &pose;
-    }
-  }
-  const TrajectoryPose* Find(const TrajectoryPose& pose) const {
-    const auto named = by_name_.find(LastPart(pose.image));
-    if (!pose.image.empty() && named != by_name_.end()) return named->second;
-    const auto next = by_time_.lower_bound(pose.utime - 1000);
-    const bool is_near = next != by_time_.end() && next->first <= pose.utime + 1000;
-    return pose.utime != 0 && is_near ? next->second : nullptr;
-  }
-
- private:
-  std::map<std::string, const TrajectoryPose*> by_name_;
-  std::map<Utime, const TrajectoryPose*> by_time_;
-};
-
 void Transform(const Similarity& to_from, ReportTrack* track) {
   for (TrajectoryPose& pose : track->poses) {
     pose.world_from_camera = {to_from.transform.rotation * pose.world_from_camera.rotation,
@@ -116,7 +91,7 @@ void Transform(const Similarity& to_from, ReportTrack* track) {
 }
 
 void CompareWithTruth(const GroundTruth& truth, ReportTrack* track) {
-  const TruthIndex index(truth.poses);
+  const TruthIndex index(truth);
   for (std::size_t i = 0; i < track->poses.size(); ++i) {
     const Rigid3& estimate = track->poses[i].world_from_camera;
     const TrajectoryPose* true_pose = index.Find(track->poses[i]);

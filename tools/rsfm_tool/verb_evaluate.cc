@@ -4,9 +4,12 @@
 #include <nlohmann/json.hpp>
 
 #include "rsfm/io/mission.h"
+#include "rsfm/io/tables.h"
 #include "rsfm/io/trajectory.h"
 #include "tools/common/exit.h"
 #include "tools/evaluation/evaluate.h"
+#include "tools/offline/image_navigation.h"
+#include "tools/offline/report_json.h"
 
 namespace rsfm {
 namespace {
@@ -15,8 +18,14 @@ nlohmann::json OrNull(const std::optional<double>& value) {
   return value ? nlohmann::json(*value) : nlohmann::json(nullptr);
 }
 
-void PrintJson(const Evaluation& result, const std::string& align) {
-  const nlohmann::ordered_json json = {
+struct Findings {
+  Evaluation truth;
+  std::optional<NavigationResiduals> navigation;  // where there is some
+};
+
+void PrintJson(const Findings& findings, const std::string& align) {
+  const Evaluation& result = findings.truth;
+  nlohmann::ordered_json json = {
       {"images", result.num_images},
       {"rotation_error_deg", OrNull(result.rotation_error_deg)},
       {"position_error_mm", result.position_error_mm},
@@ -29,6 +38,14 @@ void PrintJson(const Evaluation& result, const std::string& align) {
       {"align", align},
       {"scale", result.truth_from_estimate.scale},
   };
+  json["bend"] = nullptr;
+  if (result.bend) {
+    json["bend"] = {{"sagitta_mm", 1e3 * result.bend->sagitta_m},
+                    {"radius_m", result.bend->radius_m},
+                    {"along_line", result.bend->along_line}};
+  }
+  json["navigation"] =
+      findings.navigation ? ResidualsJson(*findings.navigation) : nlohmann::ordered_json(nullptr);
   std::printf("%s\n", json.dump(2).c_str());
 }
 
@@ -36,7 +53,8 @@ void PrintLine(const char* name, const std::optional<double>& value, const char*
   value ? std::printf("%-22s %.6g %s\n", name, *value, unit) : std::printf("%-22s -\n", name);
 }
 
-void PrintText(const Evaluation& result, const std::string& align) {
+void PrintText(const Findings& findings, const std::string& align) {
+  const Evaluation& result = findings.truth;
   std::printf("%-22s %d compared, %d without ground truth\n", "images", result.num_images,
               result.num_unmatched);
   std::printf("%-22s %s, scale %.9g\n", "alignment", align.c_str(),
@@ -48,24 +66,81 @@ void PrintText(const Evaluation& result, const std::string& align) {
   PrintLine("reprojection error", result.reprojection_error_px, "px (mean)");
   PrintLine("point error", result.point_error_mm, "mm (mean distance to the mesh)");
   PrintLine("", result.point_error_median_mm, "mm (median)");
+  if (const auto& bend = result.bend)
+    std::printf("%-22s %.6g mm over a radius of %.4g m\n", "bend", 1e3 * bend->sagitta_m,
+                bend->radius_m);
+  if (!findings.navigation) return;
+  const NavigationResiduals& nav = *findings.navigation;
+  std::printf("%-22s %d positions: %.4g m RMS, %.4g m at most (%.4g m claimed)\n", "navigation",
+              nav.num_positions, nav.position_rms_m, nav.position_max_m, nav.position_sigma_m);
+  std::printf("%-22s %d attitudes: %.4g degrees in the median (%.4g claimed)\n", "",
+              nav.num_attitudes, nav.attitude_median_deg, nav.attitude_sigma_deg);
+  std::printf("%-22s %d depths: %.4g m RMS\n", "", nav.num_depths, nav.depth_rms_m);
 }
 
-IoExpected<Evaluation> EvaluatePaths(const EvaluateOptions& options, Alignment alignment) {
+// Nothing where there is no navigation, or the model does not lie in its frame.
+IoExpected<std::optional<NavigationResiduals>> CompareWithNavigation(
+    const EvaluateOptions& options, const Rig& rig, const std::vector<TrajectoryPose>& trajectory,
+    std::vector<NavSample> samples) {
+  std::vector<ImageTime> images;
+  std::vector<Utime> utimes;
+  std::vector<std::optional<Rigid3>> poses;
+  for (const TrajectoryPose& pose : trajectory) {
+    images.push_back({pose.image, pose.utime});
+    utimes.push_back(pose.utime);
+    poses.emplace_back(pose.world_from_camera.Inverse());
+  }
+  if (!options.nav.empty()) {
+    auto table = ReadNavTable(options.nav, images, rig.world.origin);
+    if (!table) return Fail(table.error());
+    samples = std::move(table->samples);
+    if (rig.world.frame != WorldFrame::kNed) {
+      return Fail({Errc::kInvalidArgument, options.nav, "--nav",
+                   "cannot be compared: the model lies in the frame of its first camera",
+                   "reconstruct or refine it with --nav"});
+    }
+  }
+  if (samples.empty() || rig.world.frame != WorldFrame::kNed)
+    return std::optional<NavigationResiduals>();
+  const NavigationInput input{std::move(samples), rig.body_from_camera, rig.mapper};
+  const ImageNavigation at_images(input, utimes);
+  if (at_images.num_covered() == 0) {
+    return Fail({Errc::kInvalidArgument, options.nav.empty() ? options.model : options.nav, "utime",
+                 at_images.why_not(), "give the navigation of these images"});
+  }
+  return std::optional(at_images.Compare(poses));
+}
+
+IoExpected<Findings> EvaluatePaths(const EvaluateOptions& options, Alignment alignment) {
   const auto truth = ReadGroundTruth(options.ground_truth);
   if (!truth) return Fail(truth.error());
+  Model model;
+  std::vector<TrajectoryPose> trajectory;
+  std::vector<NavSample> samples;
   if (!IsMissionFolder(options.model)) {
-    const auto model = ReadModel(options.model);
-    if (!model) return Fail(model.error());
-    return Evaluate(*model, TrajectoryOf(*model), *truth, alignment);
+    auto read = ReadModel(options.model);
+    if (!read) return Fail(read.error());
+    model = std::move(*read);
+    trajectory = TrajectoryOf(model);
+  } else {
+    auto mission = ReadMission(options.model, {.keep_descriptors = false});
+    if (!mission) return Fail(mission.error());
+    trajectory = TrajectoryOf(*mission);
+    if (trajectory.empty()) {
+      return Fail({Errc::kInvalidArgument, options.model, "", "holds no tracked pose",
+                   "give a mission whose mapper has run, or a model"});
+    }
+    model = ModelFromMission(*mission);
+    samples = std::move(mission->nav);
   }
-  const auto mission = ReadMission(options.model, {.keep_descriptors = false});
-  if (!mission) return Fail(mission.error());
-  const std::vector<TrajectoryPose> trajectory = TrajectoryOf(*mission);
-  if (trajectory.empty()) {
-    return Fail({Errc::kInvalidArgument, options.model, "", "holds no tracked pose",
-                 "give a mission whose mapper has run, or a model"});
-  }
-  return Evaluate(ModelFromMission(*mission), trajectory, *truth, alignment);
+  Findings findings;
+  auto evaluation = Evaluate(model, trajectory, *truth, alignment);
+  if (!evaluation) return Fail(evaluation.error());
+  findings.truth = std::move(*evaluation);
+  auto residuals = CompareWithNavigation(options, model.rig, trajectory, std::move(samples));
+  if (!residuals) return Fail(residuals.error());
+  findings.navigation = *residuals;
+  return findings;
 }
 
 }  // namespace
@@ -78,16 +153,17 @@ CLI::App* DeclareEvaluate(CLI::App& app, EvaluateOptions* options) {
                    "model folder, mission or its ground_truth folder, TUM file, or CSV "
                    "(image,x_m,y_m,z_m)")
       ->required();
-  verb->add_option("--align", options->align, "sim3 (default), se3 or none")
-      ->check(CLI::IsMember({"sim3", "se3", "none"}));
+  verb->add_option("--align", options->align,
+                   "sim3 (default), se3, yaw (position and heading) or none")
+      ->check(CLI::IsMember({"sim3", "se3", "yaw", "none"}));
+  verb->add_option("--nav", options->nav,
+                   "NAV.csv to compare with; default: the mission's own navigation");
   verb->add_flag("--json", options->json, "print JSON");
   return verb;
 }
 
 int RunEvaluate(const EvaluateOptions& options) {
-  const Alignment alignment = options.align == "sim3"  ? Alignment::kSim3
-                              : options.align == "se3" ? Alignment::kSe3
-                                                       : Alignment::kNone;
+  const Alignment alignment = AlignmentNamed(options.align).value_or(Alignment::kSim3);
   const auto result = EvaluatePaths(options, alignment);
   if (!result) {
     Diagnostic problem = result.error();

@@ -10,6 +10,7 @@ struct EvaluateOptions {
   std::string model;
   std::string ground_truth;
   std::string align = "sim3";
+  std::string nav;
   bool json = false;
 };
 

@@ -56,6 +56,9 @@ void PrintModel(const ReconstructRequest& request, const ReconstructedModel& mod
   if (model.residuals && model.residuals->num_positions > 0)
     std::printf("  navigation positions differ by %.3f m RMS\n", model.residuals->position_rms_m);
   if (!model.observability) return;
+  if (const auto& bend = model.observability->bend)
+    std::printf("  bend       %+.4f +- %.4f m over a radius of %.2f m\n", bend->sagitta_m,
+                bend->sigma_m, bend->radius_m);
   for (const ParameterEstimate& p : model.observability->parameters)
     std::printf("  %-18s %12.6g -> %12.6g +- %.2g, %s\n", p.name.c_str(), p.start, p.value, p.sigma,
                 p.verdict.c_str());

@@ -5,6 +5,7 @@
 #include "tools/common/exit.h"
 #include "tools/common/stage_progress.h"
 #include "tools/offline/refine_mission.h"
+#include "tools/offline/report_json.h"
 #include "tools/rsfm_tool/camera_flags.h"
 
 namespace rsfm {
@@ -28,7 +29,12 @@ void PrintFindings(const RefineResult& result) {
         result.water->used, result.water->low, result.water->high, result.water->rig);
   }
   if (!result.observability) return;
+  for (const std::string& warning : ObservabilityWarnings(*result.observability))
+    std::fprintf(stderr, "warning: %s\n", warning.c_str());
   std::printf("noise        %.3f px per coordinate\n", result.observability->noise_px);
+  if (const auto& bend = result.observability->bend)
+    std::printf("bend         %+.4f +- %.4f m over a radius of %.2f m\n", bend->sagitta_m,
+                bend->sigma_m, bend->radius_m);
   for (const ParameterEstimate& p : result.observability->parameters) {
     std::printf("%-20s %12.6g -> %12.6g +- %.2g, %s (correlation with scale %+.2f)\n",
                 p.name.c_str(), p.start, p.value, p.sigma, p.verdict.c_str(), p.scale_correlation);

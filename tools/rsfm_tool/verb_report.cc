@@ -17,9 +17,10 @@ CLI::App* DeclareReport(CLI::App& app, ReportOptions* options) {
   verb->add_option("--ground-truth", options->ground_truth,
                    "model folder, mission, TUM file or CSV; default: the mission's own");
   verb->add_option("--align", options->align,
-                   "to the ground truth: sim3, se3 or none; default: se3 where the scale is "
+                   "to the ground truth: sim3, se3, yaw (position and heading) or none; default: "
+                   "se3 where the scale is "
                    "metric, else sim3")
-      ->check(CLI::IsMember({"sim3", "se3", "none"}));
+      ->check(CLI::IsMember({"sim3", "se3", "yaw", "none"}));
   return verb;
 }
 
@@ -28,9 +29,7 @@ int RunReport(const ReportOptions& options) {
   request.input = options.input;
   request.mission = options.mission;
   request.ground_truth = options.ground_truth;
-  if (options.align == "none") request.alignment = Alignment::kNone;
-  if (options.align == "se3") request.alignment = Alignment::kSe3;
-  if (options.align == "sim3") request.alignment = Alignment::kSim3;
+  request.alignment = AlignmentNamed(options.align);
   const auto data = WriteReport(request, options.out);
   if (!data) {
     Diagnostic problem = data.error();

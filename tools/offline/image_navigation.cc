@@ -1,4 +1,4 @@
-#include "tools/reconstruction/image_navigation.h"
+#include "tools/offline/image_navigation.h"
 
 #include <algorithm>
 #include <cmath>
@@ -88,8 +88,8 @@ std::vector<std::optional<Vec3>> ImageNavigation::Places() const {
   return places;
 }
 
-std::optional<StartOptions::Baseline> ImageNavigation::BaselineOf(int a, int b) const {
-  StartOptions::Baseline baseline;
+std::optional<KnownBaseline> ImageNavigation::BaselineOf(int a, int b) const {
+  KnownBaseline baseline;
   if (buffer_ && utimes_[a] != utimes_[b]) {
     const auto [start, end] = std::minmax(utimes_[a], utimes_[b]);
     if (const auto motion = buffer_->DeadReckon(start, end, defaults_)) {
@@ -113,19 +113,19 @@ std::optional<StartOptions::Baseline> ImageNavigation::BaselineOf(int a, int b) 
   return baseline;
 }
 
-NavigationResiduals ImageNavigation::Compare(const Scene& scene) const {
+NavigationResiduals ImageNavigation::Compare(
+    const std::vector<std::optional<Rigid3>>& camera_from_world) const {
   NavigationResiduals r;
   std::vector<double> attitudes;
   double positions = 0.0, depths = 0.0;
   Vec3 low = Vec3::Constant(1e30), high = Vec3::Constant(-1e30);
-  for (int i = 0; i < static_cast<int>(scene.images.size()); ++i) {
-    const SceneImage& image = scene.images[i];
-    if (!image.placed) continue;
+  for (int i = 0; i < static_cast<int>(camera_from_world.size()); ++i) {
+    if (!camera_from_world[i]) continue;
     const NavSample& s = samples_[i];
     const Rigid3 world_from_body =
-        image.camera_from_world.Inverse() * input_.body_from_camera.Inverse();
+        camera_from_world[i]->Inverse() * input_.body_from_camera.Inverse();
     if (const auto place = CameraPlace(i)) {
-      const double error = (image.camera_from_world.OriginOfTarget() - *place).norm();
+      const double error = (camera_from_world[i]->OriginOfTarget() - *place).norm();
       ++r.num_positions;
       positions += error * error;
       r.position_max_m = std::max(r.position_max_m, error);
@@ -160,6 +160,13 @@ NavigationResiduals ImageNavigation::Compare(const Scene& scene) const {
   }
   if (r.num_depths > 0) r.depth_rms_m = std::sqrt(depths / r.num_depths);
   return r;
+}
+
+std::vector<std::optional<Rigid3>> PlacedPoses(const Scene& scene) {
+  std::vector<std::optional<Rigid3>> poses;
+  for (const SceneImage& image : scene.images)
+    poses.push_back(image.placed ? std::optional(image.camera_from_world) : std::nullopt);
+  return poses;
 }
 
 std::string Contradiction(const NavigationResiduals& r, const NavigationAlignment& alignment) {

@@ -7,7 +7,6 @@
 
 #include "rsfm/navigation/nav_buffer.h"
 #include "tools/offline/navigation.h"
-#include "tools/reconstruction/start_pair.h"
 
 namespace rsfm {
 
@@ -22,6 +21,11 @@ struct NavigationResiduals {
   double extent_m = 0.0;  // of the images' places, as navigation has them
 };
 
+// The length of the way between two cameras [m], and its sigma.
+struct KnownBaseline {
+  double length_m = 0.0, sigma_m = 0.0;
+};
+
 class ImageNavigation {
  public:
   // `utimes` of the images; 0: not known.
@@ -34,10 +38,10 @@ class ImageNavigation {
   // Where each image was taken: position, or failing that dead-reckoned since the first image.
   std::vector<std::optional<Vec3>> Places() const;
   // The length of the way between two images' cameras, where navigation is sure of it to a fifth.
-  std::optional<StartOptions::Baseline> BaselineOf(int a, int b) const;
+  std::optional<KnownBaseline> BaselineOf(int a, int b) const;
 
-  // Precondition: the scene's images are those of the constructor; it lies in navigation's frame.
-  NavigationResiduals Compare(const Scene& scene) const;
+  // Of the images of the constructor that are placed; poses in navigation's frame.
+  NavigationResiduals Compare(const std::vector<std::optional<Rigid3>>& camera_from_world) const;
 
  private:
   std::optional<Vec3> CameraPlace(int image) const;
@@ -50,6 +54,9 @@ class ImageNavigation {
   int num_covered_ = 0;
   std::string why_not_;
 };
+
+// The poses of the placed images of a scene.
+std::vector<std::optional<Rigid3>> PlacedPoses(const Scene& scene);
 
 // What contradicts, said to the user: empty when nothing does. Attitudes or positions must be off
 // by five of their sigmas and by more than a sound rig explains (5 degrees, a tenth of the extent).
