@@ -6,13 +6,14 @@
 #include <cstring>
 #include <limits>
 
+#include "rsfm/mapping/sift_distances.h"
 #include "rsfm/mapping/vector_clones.h"
 
 namespace rsfm {
 namespace {
 
 constexpr std::int32_t kFar = std::numeric_limits<std::int32_t>::max();
-constexpr int kSiftBytes = 128;
+constexpr int kSiftBytes = SiftBlock::kBytes;
 
 inline std::int32_t SquaredDistance(const std::uint8_t* a, const std::uint8_t* b) {
   std::int32_t sum = 0;
@@ -34,51 +35,9 @@ inline std::int32_t HammingDistance(const std::uint8_t* a, const std::uint8_t* b
   return sum;
 }
 
-constexpr int kBlock = 64;  // rows of train at a time: widened, they stay in the nearest cache
-constexpr int kGroup = 4;   // rows of query at a time: each load of a train row serves them all
-
-// A block of train's rows, in the form in which distances are fastest.
-struct TrainBlock {
-  const std::uint8_t* rows = nullptr;
-  int count = 0;
-  alignas(32) std::int16_t wide[kBlock * kSiftBytes];  // SIFT only
-  std::int32_t squared_norms[kBlock];
-};
-using Distances = std::int32_t[kGroup][kBlock];
-
-RSFM_VECTOR_CLONES
-void Widen(const std::uint8_t* rows, int count, std::int16_t* wide, std::int32_t* squared_norms) {
-  for (int i = 0; i < count; ++i) {
-    std::int32_t sum = 0;
-    for (int k = 0; k < kSiftBytes; ++k) {
-      const std::int16_t value = rows[i * kSiftBytes + k];
-      wide[i * kSiftBytes + k] = value;
-      sum += static_cast<std::int32_t>(value) * value;
-    }
-    squared_norms[i] = sum;
-  }
-}
-
-// |a - b|^2 = |a|^2 + |b|^2 - 2 a.b, which is exact in integers.
-RSFM_VECTOR_CLONES
-void SiftDistances(const std::int16_t* queries, const std::int32_t* query_norms,
-                   const TrainBlock& block, Distances& distances) {
-  for (int j = 0; j < block.count; ++j) {
-    const std::int16_t* b = block.wide + j * kSiftBytes;
-    std::int32_t dot0 = 0, dot1 = 0, dot2 = 0, dot3 = 0;
-    for (int k = 0; k < kSiftBytes; ++k) {
-      const std::int32_t value = b[k];
-      dot0 += queries[k] * value;
-      dot1 += queries[k + kSiftBytes] * value;
-      dot2 += queries[k + 2 * kSiftBytes] * value;
-      dot3 += queries[k + 3 * kSiftBytes] * value;
-    }
-    distances[0][j] = query_norms[0] + block.squared_norms[j] - 2 * dot0;
-    distances[1][j] = query_norms[1] + block.squared_norms[j] - 2 * dot1;
-    distances[2][j] = query_norms[2] + block.squared_norms[j] - 2 * dot2;
-    distances[3][j] = query_norms[3] + block.squared_norms[j] - 2 * dot3;
-  }
-}
+constexpr int kBlock = SiftBlock::kRows;
+constexpr int kGroup = SiftBlock::kQueries;
+using Distances = SiftBlock::Distances;
 
 RSFM_VECTOR_CLONES
 void BinaryRow(const std::uint8_t* query, const std::uint8_t* train, int count, int bytes,
@@ -86,19 +45,22 @@ void BinaryRow(const std::uint8_t* query, const std::uint8_t* train, int count, 
   for (int j = 0; j < count; ++j) distances[j] = HammingDistance(query, train + j * bytes, bytes);
 }
 
-// Distances of `num_queries` rows, at most kGroup, to those of the block.
-void GroupDistances(DescriptorType type, const std::uint8_t* queries, int num_queries,
-                    const TrainBlock& block, Distances& distances) {
-  if (type == DescriptorType::kSift) {
-    alignas(32) std::int16_t wide[kGroup * kSiftBytes] = {};
-    std::int32_t norms[kGroup] = {};
-    Widen(queries, num_queries, wide, norms);
-    SiftDistances(wide, norms, block, distances);
-    return;
+RSFM_VECTOR_CLONES
+std::int32_t Least(const std::int32_t* values, int count) {
+  std::int32_t least = kFar;
+  for (int j = 0; j < count; ++j) least = std::min(least, values[j]);
+  return least;
+}
+
+// Each row of train that `query` is nearer to than any before it.
+RSFM_VECTOR_CLONES
+void OfferToTrain(std::int32_t query, const std::int32_t* distances, int count, std::int32_t* best,
+                  std::int32_t* best_query) {
+  for (int j = 0; j < count; ++j) {
+    const bool nearer = distances[j] < best[j];
+    best[j] = nearer ? distances[j] : best[j];
+    best_query[j] = nearer ? query : best_query[j];
   }
-  const int stride = DescriptorStride(type);
-  for (int q = 0; q < num_queries; ++q)
-    BinaryRow(queries + q * stride, block.rows, block.count, stride, distances[q]);
 }
 
 }  // namespace
@@ -133,36 +95,36 @@ DescriptorMatcher::DescriptorMatcher(int max_rows)
     : DescriptorMatcher(static_cast<std::size_t>(std::max(max_rows, 0)), Capacity{}) {}
 
 DescriptorMatcher::DescriptorMatcher(std::size_t rows, Capacity)
-    : best_of_query_(rows),
+    : sift_kernel_(BestSiftKernel()),
+      best_of_query_(rows),
       second_of_query_(rows),
       train_of_query_(rows),
+      query_constants_(rows),
       best_of_train_(rows),
       query_of_train_(rows) {}
 
 std::size_t DescriptorMatcher::bytes() const {
   return best_of_query_.bytes() + second_of_query_.bytes() + train_of_query_.bytes() +
-         best_of_train_.bytes() + query_of_train_.bytes();
+         query_constants_.bytes() + best_of_train_.bytes() + query_of_train_.bytes();
 }
 
 // The distances of one query row to the rows of train from `start` on.
 void DescriptorMatcher::Offer(int query, int start,
                               std::span<const std::int32_t> distances) noexcept {
+  const int count = static_cast<int>(distances.size());
+  OfferToTrain(query, distances.data(), count, &best_of_train_[start], &query_of_train_[start]);
+  if (Least(distances.data(), count) >= second_of_query_[query]) return;
   std::int32_t best = best_of_query_[query], second = second_of_query_[query];
   std::int32_t best_train = train_of_query_[query];
-  for (int j = 0; j < static_cast<int>(distances.size()); ++j) {
+  for (int j = 0; j < count; ++j) {
     const std::int32_t distance = distances[j];
-    if (distance < second) {
-      if (distance < best) {
-        second = best;
-        best = distance;
-        best_train = start + j;
-      } else {
-        second = distance;
-      }
-    }
-    if (distance < best_of_train_[start + j]) {
-      best_of_train_[start + j] = distance;
-      query_of_train_[start + j] = query;
+    if (distance >= second) continue;
+    if (distance < best) {
+      second = best;
+      best = distance;
+      best_train = start + j;
+    } else {
+      second = distance;
     }
   }
   best_of_query_[query] = best;
@@ -179,24 +141,31 @@ int DescriptorMatcher::Match(const DescriptorView& query, const DescriptorView& 
   if (num_train == 0) return 0;
   second_of_query_.TryResize(num_query);
   train_of_query_.TryResize(num_query);
+  query_constants_.TryResize(num_query);
   query_of_train_.TryResize(num_train);
   std::fill(best_of_train_.begin(), best_of_train_.end(), kFar);
 
   std::fill(best_of_query_.begin(), best_of_query_.end(), kFar);
   std::fill(second_of_query_.begin(), second_of_query_.end(), kFar);
   std::fill(train_of_query_.begin(), train_of_query_.end(), -1);
-  TrainBlock block;
+  SiftBlock block(sift_kernel_);
+  const bool is_sift = train.type == DescriptorType::kSift;
+  const int stride = DescriptorStride(train.type);
+  for (int i = 0; is_sift && i < query.count; ++i)
+    query_constants_[i] = block.Constant(query.Row(i));
   for (int start = 0; start < train.count; start += kBlock) {
-    block.rows = train.Row(start);
-    block.count = std::min(kBlock, train.count - start);
-    if (train.type == DescriptorType::kSift)
-      Widen(block.rows, block.count, block.wide, block.squared_norms);
+    const int count = std::min(kBlock, train.count - start);
+    if (is_sift) block.Load(train.Row(start), count);
     for (int first = 0; first < query.count; first += kGroup) {
       const int num_queries = std::min(kGroup, query.count - first);
       Distances distances;
-      GroupDistances(query.type, query.Row(first), num_queries, block, distances);
-      for (int q = 0; q < num_queries; ++q)
-        Offer(first + q, start, {distances[q], static_cast<std::size_t>(block.count)});
+      if (is_sift)
+        block.Measure(query.Row(first), &query_constants_[first], num_queries, distances);
+      for (int q = 0; q < num_queries; ++q) {
+        if (!is_sift)
+          BinaryRow(query.Row(first + q), train.Row(start), count, stride, distances[q]);
+        Offer(first + q, start, {distances[q], static_cast<std::size_t>(count)});
+      }
     }
   }
 

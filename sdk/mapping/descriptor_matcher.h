@@ -9,6 +9,7 @@
 
 #include "rsfm/base/fixed_vector.h"
 #include "rsfm/mapping/feature.h"
+#include "rsfm/mapping/sift_distances.h"
 
 namespace rsfm {
 
@@ -44,7 +45,8 @@ class DescriptorMatcher {
   DescriptorMatcher(std::size_t rows, Capacity);
   void Offer(int query, int start, std::span<const std::int32_t> distances) noexcept;
 
-  FixedVector<std::int32_t> best_of_query_, second_of_query_, train_of_query_;
+  SiftKernel sift_kernel_;
+  FixedVector<std::int32_t> best_of_query_, second_of_query_, train_of_query_, query_constants_;
   FixedVector<std::int32_t> best_of_train_, query_of_train_;
 };
 

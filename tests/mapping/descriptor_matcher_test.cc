@@ -121,6 +121,40 @@ TEST_P(DescriptorMatcherTest, EmptyAndFullSets) {
   EXPECT_EQ(matcher.Match(set.View(), set.View(), 0.8, std::span(matches).first(4)), 4);
 }
 
+// Every kernel that this machine has, on full and partial blocks and groups, against the
+// definition.
+TEST(SiftBlockTest, AllKernelsMeasureTheSame) {
+  Rng rng(5);
+  std::vector<std::uint8_t> rows(SiftBlock::kRows * SiftBlock::kBytes),
+      queries(SiftBlock::kQueries * SiftBlock::kBytes);
+  for (std::uint8_t& byte : rows) byte = static_cast<std::uint8_t>(rng.Index(256));
+  for (std::uint8_t& byte : queries) byte = static_cast<std::uint8_t>(rng.Index(256));
+  std::fill_n(rows.begin(), SiftBlock::kBytes, std::uint8_t{255});  // the extremes
+  std::fill_n(queries.begin(), SiftBlock::kBytes, std::uint8_t{0});
+  for (const SiftKernel kernel :
+       {SiftKernel::kPortable, SiftKernel::kAvx2, SiftKernel::kAvx512Vnni}) {
+    if (!IsSupported(kernel)) continue;
+    SiftBlock block(kernel);
+    for (const int count : {SiftBlock::kRows, 37, 1}) {
+      block.Load(rows.data(), count);
+      for (int num_queries = 1; num_queries <= SiftBlock::kQueries; ++num_queries) {
+        SiftBlock::Distances distances;
+        std::int32_t constants[SiftBlock::kQueries];
+        for (int q = 0; q < num_queries; ++q)
+          constants[q] = block.Constant(&queries[q * SiftBlock::kBytes]);
+        block.Measure(queries.data(), constants, num_queries, distances);
+        for (int q = 0; q < num_queries; ++q)
+          for (int j = 0; j < count; ++j)
+            ASSERT_EQ(distances[q][j],
+                      DescriptorDistance(DescriptorType::kSift, &queries[q * SiftBlock::kBytes],
+                                         &rows[j * SiftBlock::kBytes]))
+                << "kernel " << static_cast<int>(kernel) << ", row " << j << ", query " << q;
+      }
+    }
+  }
+  EXPECT_TRUE(IsSupported(BestSiftKernel()));
+}
+
 INSTANTIATE_TEST_SUITE_P(Types, DescriptorMatcherTest,
                          ::testing::Values(DescriptorType::kOrb, DescriptorType::kSift,
                                            DescriptorType::kAkaze),

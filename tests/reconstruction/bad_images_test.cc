@@ -18,7 +18,9 @@ namespace rsfm {
 namespace {
 
 namespace fs = std::filesystem;
+using ::testing::AnyOf;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 constexpr const char* kScenario = R"(seed: 7
 rig:
@@ -89,6 +91,43 @@ TEST_F(BadImagesTest, GoodImagesAndNavigationGiveAMetricModel) {
                  (Mission() / "ground_truth").string() + " --align se3 --json");
   ASSERT_EQ(evaluation.exit_code, 0) << evaluation.err;
   EXPECT_LT(nlohmann::json::parse(evaluation.out)["position_error_mm"].get<double>(), 20.0);
+  EXPECT_TRUE(nlohmann::json::parse(evaluation.out)["navigation"].is_null());
+
+  const ProgramResult with_nav =
+      RunProgram(std::string(RSFM_TOOL) + " evaluate " + Path("model").string() + " " +
+                 (Mission() / "ground_truth").string() + " --align yaw --json --nav " +
+                 (Mission() / "nav.csv").string());
+  ASSERT_EQ(with_nav.exit_code, 0) << with_nav.err;
+  const auto json = nlohmann::json::parse(with_nav.out);
+  EXPECT_LT(json["position_error_mm"].get<double>(), 60.0);
+  EXPECT_EQ(json["navigation"]["positions"], kNumImages);
+  EXPECT_LT(json["navigation"]["position_rms_m"].get<double>(), 0.1);
+  EXPECT_TRUE(json["bend"].is_object());
+}
+
+// Views of things that all move, each on a way of its own: fish, weed, snow.
+TEST_F(BadImagesTest, ImagesInWhichNothingStandsStillAreRefused) {
+  Rng rng(11);
+  std::vector<cv::Mat> things;
+  for (int i = 0; i < 40; ++i) {
+    cv::Mat thing(8, 8, CV_8U);
+    for (int row = 0; row < thing.rows; ++row)
+      for (int column = 0; column < thing.cols; ++column)
+        thing.at<std::uint8_t>(row, column) = static_cast<std::uint8_t>(rng.Index(256));
+    cv::resize(thing, thing, cv::Size(28, 28), 0, 0, cv::INTER_CUBIC);
+    things.push_back(thing);
+  }
+  for (int i = 0; i < kNumImages; ++i) {
+    cv::Mat image(240, 320, CV_8U, cv::Scalar(60));
+    for (const cv::Mat& thing : things)
+      thing.copyTo(image(cv::Rect(rng.Index(320 - 28), rng.Index(240 - 28), 28, 28)));
+    cv::imwrite(Image(i).string(), image);
+  }
+  const ProgramResult result = Reconstruct();
+  EXPECT_EQ(result.exit_code, 1);
+  EXPECT_THAT(result.err, AnyOf(HasSubstr("show nothing that stands still"),
+                                HasSubstr("hold no pair to begin with")));
+  EXPECT_FALSE(fs::exists(Path("model")));
 }
 
 TEST_F(BadImagesTest, DamagedDuplicateTurnedAndResizedImagesAreLeftOutAndNamed) {
@@ -201,18 +240,22 @@ TEST_F(BadImagesTest, ALensWrongByTenPercentIsWorseThanTheRightOneAndIsMended) {
   ASSERT_NE(at, std::string::npos);
   rig.replace(at, 3, "282");  // fx alone: no scene explains that
   ASSERT_TRUE(WriteFileAtomically(Path("wrong.yaml"), rig));
+  std::string warnings;
   const auto reconstruct_wrong = [&](const std::string& more) {
     const ProgramResult result =
         RunProgram(std::string(RSFM_TOOL) + " reconstruct " + Path("images").string() +
                    " --camera " + Path("wrong.yaml").string() + " --out " + Path("model").string() +
                    " --work " + Path("work").string() + more);
     EXPECT_EQ(result.exit_code, 0) << result.err;
+    warnings = result.err;
     return ReadReport()["models"][0]["rms_error_px"].get<double>();
   };
   const double wrong = reconstruct_wrong("");
   EXPECT_GT(wrong, 1.05 * right);
+  EXPECT_THAT(warnings, HasSubstr("the images contradict the camera file: fx is 282"));
 
   const double refined = reconstruct_wrong(" --refine-lens");
+  EXPECT_THAT(warnings, Not(HasSubstr("contradict the camera file")));
   EXPECT_LT(refined, 1.02 * right);
   const auto model = ParseRig(*ReadWholeFile(Path("model/rig.yaml")), "rig.yaml");
   ASSERT_TRUE(model);

@@ -7,6 +7,7 @@
 
 #include "rsfm/estimation/five_point.h"
 #include "rsfm/refraction/best_fit.h"
+#include "tools/offline/chance.h"
 #include "tools/offline/parallel_progress.h"
 
 namespace rsfm {
@@ -239,6 +240,14 @@ std::optional<VerifiedPair> PairVerifier::Verify(const ImagePair& pair,
   const Expected<RansacReport> report = Ransac(problem, ransac, &workspace_, &essential);
   if (!report || report->num_inliers < options_.min_inliers ||
       report->num_inliers < options_.min_inlier_ratio * static_cast<double>(usable.size()))
+    return std::nullopt;
+  std::vector<MatchedPixels> pixels;
+  std::vector<char> is_inlier(usable.size(), 0);
+  for (const DescriptorMatch& match : usable)
+    pixels.push_back({features_a[match.query], features_b[match.train]});
+  for (const int i : workspace_.inliers) is_inlier[i] = 1;
+  const CameraConfig& config = camera_.camera.config();
+  if (LogFalseAlarms(pixels, is_inlier, options_.max_error_px, config.width, config.height) > 0.0)
     return std::nullopt;
   VerifiedPair result;
   result.images = pair;

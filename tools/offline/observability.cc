@@ -37,16 +37,17 @@ std::optional<BendEstimate> EstimateBend(const BundleProblem& problem,
 
 // One step of what the options hold, of that which bends maps most: focal length, port normal, dome
 // centre. The port's distance goes with the scale and is no more than that says.
-std::vector<ParameterDoubt> DoubtHeld(const BundleOptions& options, const BundleProblem& solved) {
+void DoubtHeld(const BundleOptions& options, const BundleProblem& solved,
+               ObservabilityReport* report) {
   BundleOptions freed = options;
   freed.lens.focal = true;
   freed.port.normal = freed.port.center = true;
   BundleInformation information(freed, solved.cameras, solved);
   information.AddPriors(HoldFor(options, solved).priors);
-  std::vector<ParameterDoubt> doubts;
-  if (!information.Factorise()) return doubts;
+  if (!information.Factorise()) return;
   const Eigen::VectorXd step = information.ParameterStep();
-  const Eigen::MatrixXd clustered = information.ClusteredCovariance();
+  const Eigen::MatrixXd covariance = information.covariance() + information.ClusteredCovariance();
+  std::vector<int> held;
   for (int i = 0; i < information.num_parameters(); ++i) {
     const ParameterEstimate& e = information.estimates()[i];
     const bool was_held = e.name.find("normal") != std::string::npos   ? !options.port.normal
@@ -54,10 +55,13 @@ std::vector<ParameterDoubt> DoubtHeld(const BundleOptions& options, const Bundle
                           : e.name.find("f") == 0                      ? !options.lens.focal
                                                                        : false;
     if (!was_held) continue;
-    const double variance = std::max(information.covariance()(i, i), clustered(i, i));
-    doubts.push_back({e.name, e.value, step[i], std::sqrt(variance)});
+    held.push_back(i);
+    report->held.push_back({e.name, e.value, step[i], std::sqrt(covariance(i, i))});
   }
-  return doubts;
+  if (held.empty()) return;
+  const Eigen::VectorXd steps = step(held);
+  const double chi_squared = steps.dot(covariance(held, held).llt().solve(steps));
+  report->held_sigmas = std::sqrt(chi_squared / static_cast<double>(held.size()));
 }
 
 }  // namespace
@@ -99,7 +103,7 @@ Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
     estimate.scale_correlation = with_scale[i];
     estimate.verdict = Verdict(estimate.sigma, estimate.prior_sigma);
   }
-  report.held = DoubtHeld(options, solved);
+  DoubtHeld(options, solved, &report);
   return report;
 }
 

@@ -39,6 +39,9 @@ struct ObservabilityReport {
   std::vector<ParameterEstimate> parameters;  // the refined ones
   std::optional<BendEstimate> bend;           // of a survey: cameras that look one way
   std::vector<ParameterDoubt> held;  // focal length, port normal and centre where they were held
+  // How far their steps lie from 0 together, in sigmas: chi over the root of their number.
+  // Parameters that go together may each be uncertain where their difference is not.
+  double held_sigmas = 0.0;
 };
 
 // At a solved problem; `start` has the cameras as they were. An empty list where nothing is

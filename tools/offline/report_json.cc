@@ -34,6 +34,7 @@ nlohmann::ordered_json ObservabilityJson(const ObservabilityReport& report) {
                                   {"scale_correlation", p.scale_correlation},
                                   {"verdict", p.verdict}});
   }
+  json["held_sigmas"] = report.held_sigmas;
   json["held"] = nlohmann::ordered_json::array();
   for (const ParameterDoubt& d : report.held) {
     json["held"].push_back(
@@ -54,7 +55,7 @@ nlohmann::ordered_json ResidualsJson(const NavigationResiduals& r) {
 }
 
 std::vector<std::string> ObservabilityWarnings(const ObservabilityReport& report) {
-  constexpr double kSigmas = 5.0, kFocalRatio = 0.01, kNormalRad = 0.01, kCenterM = 0.001;
+  constexpr double kSigmas = 3.0, kFocalRatio = 0.01, kNormalRad = 0.01, kCenterM = 0.001;
   constexpr double kBendRatio = 0.01;
   std::vector<std::string> warnings;
   char text[400];
@@ -70,7 +71,8 @@ std::vector<std::string> ObservabilityWarnings(const ObservabilityReport& report
   for (const ParameterDoubt& d : report.held) {
     const bool focal = d.name.find('f') == 0, normal = d.name.find("normal") != std::string::npos;
     const double matters = focal ? kFocalRatio * d.value : normal ? kNormalRad : kCenterM;
-    if (!(std::abs(d.step) > std::max(matters, kSigmas * d.sigma))) continue;
+    if (!(report.held_sigmas > kSigmas && std::abs(d.step) > std::max(matters, 2.0 * d.sigma)))
+      continue;
     std::snprintf(
         text, sizeof text,
         "the images contradict the camera file: %s is %.6g there, and they ask for a step of "
