@@ -7,6 +7,7 @@
 //         in the grid's empty cells, and all are described
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <span>
 
@@ -24,6 +25,13 @@ struct FrameHints {
   std::span<const Vec2> expected_px = {};
 };
 
+// Tracks that ended, by why. Stills have none.
+struct FrontEndCounters {
+  std::int64_t lost = 0;        // not found again, or not back where they came from
+  std::int64_t stationary = 0;  // fixed to the camera while the scene moved
+  std::int64_t drifting = 0;    // moving by themselves: particles, fish
+};
+
 class FrontEnd {
  public:
   // kInvalidArgument for a bad option, `where` naming it, or an image size below 32 px.
@@ -39,6 +47,8 @@ class FrontEnd {
   // max_features.
   virtual Expected<FrameObservations> Process(const ImageView& image, Utime utime,
                                               const FrameHints& hints) = 0;
+
+  virtual FrontEndCounters counters() const { return {}; }
 
   // Heap held between calls, OpenCV's scratch memory apart.
   virtual std::size_t bytes() const = 0;

@@ -5,6 +5,8 @@
 #include <cstring>
 #include <opencv2/features2d.hpp>
 
+#include "rsfm/mapping/patch_describer.h"
+
 namespace rsfm {
 namespace {
 
@@ -75,19 +77,12 @@ Status GreyImage::Take(const ImageView& image) noexcept {
 
 void PackDescriptor(DescriptorType type, const cv::Mat& descriptors, int row,
                     std::uint8_t* packed) {
-  std::memset(packed, 0, static_cast<std::size_t>(DescriptorStride(type)));
   if (type != DescriptorType::kSift) {
+    std::memset(packed, 0, static_cast<std::size_t>(DescriptorStride(type)));
     std::memcpy(packed, descriptors.ptr(row), static_cast<std::size_t>(DescriptorBytes(type)));
     return;
   }
-  const float* values = descriptors.ptr<float>(row);
-  float sum = 0.0f;
-  for (int k = 0; k < 128; ++k) sum += values[k];
-  if (!(sum > 0.0f)) return;
-  for (int k = 0; k < 128; ++k) {
-    const float root = 512.0f * std::sqrt(values[k] / sum);
-    packed[k] = static_cast<std::uint8_t>(std::min(255.0f, root + 0.5f));
-  }
+  PackRootSift(descriptors.ptr<float>(row), packed);
 }
 
 Vec2 PixelOf(DescriptorType type, const cv::KeyPoint& keypoint) {

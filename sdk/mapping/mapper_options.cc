@@ -47,6 +47,7 @@ Status MapperOptions::Validate() const noexcept {
       {"max_features", static_cast<double>(max_features), 50, 20000},
       {"contrast_limit", contrast_limit, 0, 100},
       {"grid_cell_px", static_cast<double>(grid_cell_px), 8, 1024},
+      {"max_tracks", static_cast<double>(max_tracks), 50, 20000},
       {"track_window_px", static_cast<double>(track_window_px), 5, 101},
       {"track_check_px", track_check_px, 0.05, 10},
       {"keyframe_motion", keyframe_motion, 0.001, 1},

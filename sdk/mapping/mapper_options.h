@@ -36,6 +36,7 @@ struct MapperOptions {
   int max_features = 2000;        // kept of an image
   double contrast_limit = 0.0;    // CLAHE's clip limit for murky water; 0 leaves the image as it is
   int grid_cell_px = 64;          // video: at least one point is sought in every cell
+  int max_tracks = 600;           // video: points followed, at most max_features
   int track_window_px = 21;       // video: KLT patch
   double track_check_px = 0.5;    // video: a track is kept when tracking back returns this near
   double keyframe_motion = 0.08;  // video: median track motion since the keyframe, in widths
@@ -94,6 +95,7 @@ void ForEachOption(Options& o, F&& f) {
   f("max_features", o.max_features);
   f("contrast_limit", o.contrast_limit);
   f("grid_cell_px", o.grid_cell_px);
+  f("max_tracks", o.max_tracks);
   f("track_window_px", o.track_window_px);
   f("track_check_px", o.track_check_px);
   f("keyframe_motion", o.keyframe_motion);

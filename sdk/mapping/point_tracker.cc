@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "rsfm/mapping/patch_describer.h"
+
 namespace rsfm {
 namespace {
 
@@ -17,14 +19,19 @@ PatchTrackerOptions TrackerOptions(const MapperOptions& options) {
   return tracker;
 }
 
+// Points are followed and described in the same image.
+int Border(const PatchTracker& tracker) {
+  return std::max(tracker.border_px(), PatchDescriber::kBorderPx);
+}
+
 }  // namespace
 
 PointTracker::PointTracker(const MapperOptions& options, int width_px, int height_px,
                            int max_points)
     : check_px_(static_cast<float>(options.track_check_px)),
       tracker_(TrackerOptions(options)),
-      newest_(width_px, height_px, kLevels, tracker_.border_px()),
-      before_(width_px, height_px, kLevels, tracker_.border_px()),
+      newest_(width_px, height_px, kLevels, Border(tracker_)),
+      before_(width_px, height_px, kLevels, Border(tracker_)),
       points_(static_cast<std::size_t>(max_points)),
       motions_(static_cast<std::size_t>(max_points)) {}
 
@@ -50,19 +57,16 @@ PatchPlace PointTracker::MedianMotion() noexcept {
           median([](const TrackedPoint& p) { return p.place.y - p.before.y; })};
 }
 
-bool PointTracker::FollowOne(PatchPlace start, PatchPlace expected, PatchPlace* found) noexcept {
-  // From near where it is expected; if that fails, from there with the whole pyramid.
-  for (const int top : {kNearLevel, kTopLevel}) {
-    PatchPlace place = expected;
-    if (!tracker_.Track(before_, newest_, start, top, &place)) continue;
-    // Back, as far off at the beginning as the way there was.
-    PatchPlace back{place.x - expected.x + start.x, place.y - expected.y + start.y};
-    if (!tracker_.Track(newest_, before_, place, top, &back)) continue;
-    if (!(std::hypot(back.x - start.x, back.y - start.y) <= check_px_)) continue;
-    *found = place;
-    return true;
-  }
-  return false;
+bool PointTracker::FollowFrom(PatchPlace start, PatchPlace expected, int top_level,
+                              PatchPlace* found) noexcept {
+  PatchPlace place = expected;
+  if (!tracker_.Track(before_, newest_, start, top_level, &place)) return false;
+  // Back, as far off at the beginning as the way there was.
+  PatchPlace back{place.x - expected.x + start.x, place.y - expected.y + start.y};
+  if (!tracker_.Track(newest_, before_, place, top_level, &back)) return false;
+  if (!(std::hypot(back.x - start.x, back.y - start.y) <= check_px_)) return false;
+  *found = place;
+  return true;
 }
 
 void PointTracker::Follow(const std::uint8_t* grey, int stride_bytes,
@@ -80,13 +84,19 @@ void PointTracker::Follow(const std::uint8_t* grey, int stride_bytes,
     const PatchPlace last =
         point.age > 0 ? PatchPlace{point.place.x - point.before.x, point.place.y - point.before.y}
                       : motion;
-    PatchPlace expected{point.place.x + last.x, point.place.y + last.y};
+    const auto within = [&](float x, float y) {
+      return PatchPlace{std::clamp(x, 0.0f, right), std::clamp(y, 0.0f, bottom)};
+    };
+    const PatchPlace by_motion = within(point.place.x + last.x, point.place.y + last.y);
+    PatchPlace expected = by_motion;
     if (is_expected && expected_px[i].allFinite())
-      expected = {static_cast<float>(expected_px[i].x()) - 0.5f,
-                  static_cast<float>(expected_px[i].y()) - 0.5f};
-    expected = {std::clamp(expected.x, 0.0f, right), std::clamp(expected.y, 0.0f, bottom)};
+      expected = within(static_cast<float>(expected_px[i].x() - 0.5),
+                        static_cast<float>(expected_px[i].y() - 0.5));
     point.before = point.place;
-    if (!FollowOne(point.before, expected, &point.place)) continue;
+    // Near where it is expected; if it is not there, about where its motion leads, further off.
+    if (!FollowFrom(point.before, expected, kNearLevel, &point.place) &&
+        !FollowFrom(point.before, by_motion, kTopLevel, &point.place))
+      continue;
     ++point.age;
     points_[kept++] = point;
   }

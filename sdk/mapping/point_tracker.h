@@ -44,7 +44,7 @@ class PointTracker {
   }
 
  private:
-  bool FollowOne(PatchPlace start, PatchPlace expected, PatchPlace* found) noexcept;
+  bool FollowFrom(PatchPlace start, PatchPlace expected, int top_level, PatchPlace* found) noexcept;
   PatchPlace MedianMotion() noexcept;
 
   float check_px_;

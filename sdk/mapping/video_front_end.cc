@@ -8,6 +8,8 @@
 #include "rsfm/base/fixed_vector.h"
 #include "rsfm/mapping/corner_detector.h"
 #include "rsfm/mapping/front_end_image.h"
+#include "rsfm/mapping/motion_check.h"
+#include "rsfm/mapping/patch_describer.h"
 #include "rsfm/mapping/point_tracker.h"
 
 namespace rsfm {
@@ -17,6 +19,13 @@ constexpr float kMinCornerQuality = 0.005f;  // of the strongest corner in the i
 constexpr float kMinCorner = 0.5f;           // (grey / px)^2: twice what the noise of 8 bits makes
 constexpr float kPatchSize = 31.0f;          // px, of the description
 constexpr int kCandidatesPerShare = 4;       // corners of a cell that its share is chosen from
+constexpr int kMaxSpots = 512;               // where something is fixed to the camera
+constexpr int kSpotKeyframes = 50;           // so long nothing is sought there
+
+// At most this many points are followed.
+int MaxPoints(const MapperOptions& options) {
+  return std::min(options.max_tracks, options.max_features);
+}
 
 std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
@@ -28,17 +37,22 @@ class VideoFrontEnd final : public FrontEnd {
         height_px_(height_px),
         columns_((width_px + options.grid_cell_px - 1) / options.grid_cell_px),
         rows_((height_px + options.grid_cell_px - 1) / options.grid_cell_px),
-        share_(std::max(1, options.max_features / (columns_ * rows_))),
+        share_(std::max(1, MaxPoints(options) / (columns_ * rows_))),
         grey_(options, width_px, height_px),
-        tracker_(options, width_px, height_px, options.max_features),
+        tracker_(options, width_px, height_px, MaxPoints(options)),
+        motion_check_(MaxPoints(options)),
+        verdicts_(Count(MaxPoints(options))),
+        spots_(kMaxSpots),
         detector_(std::min(options.grid_cell_px, width_px)),
         free_(Count(width_px) * Count(height_px)),
         corners_(Count(columns_ * rows_) * Count(kCandidatesPerShare * share_)),
         counts_(Count(columns_ * rows_)),
-        motions_(Count(options.max_features)),
-        descriptor_(MakeFeature2D(options.descriptor, options.max_features)),
-        features_(Count(options.max_features)),
-        descriptors_(Count(options.max_features) * Count(DescriptorStride(options.descriptor))) {
+        motions_(Count(MaxPoints(options))),
+        descriptor_(options.descriptor == DescriptorType::kSift
+                        ? nullptr
+                        : MakeFeature2D(options.descriptor, options.max_features)),
+        features_(Count(MaxPoints(options))),
+        descriptors_(Count(MaxPoints(options)) * Count(DescriptorStride(options.descriptor))) {
     free_.TryResize(free_.capacity());
     counts_.TryResize(counts_.capacity());
     descriptors_.TryResize(descriptors_.capacity());
@@ -47,9 +61,13 @@ class VideoFrontEnd final : public FrontEnd {
   Expected<FrameObservations> Process(const ImageView& image, Utime utime,
                                       const FrameHints& hints) override try {
     if (const Status status = grey_.Take(image); !status) return tl::unexpected(status.error());
+    const std::size_t num_before = tracker_.points().size();
     tracker_.Follow(grey_.data(), width_px_, hints.expected_px);
+    counters_.lost += static_cast<std::int64_t>(num_before - tracker_.points().size());
     DropMasked();
+    DropClutter();
     ++frames_since_keyframe_;
+    ++num_frames_;
     const bool is_keyframe = hints.want_descriptors || NeedsKeyframe();
     if (is_keyframe) SeekPoints();
     Emit(image);
@@ -64,12 +82,20 @@ class VideoFrontEnd final : public FrontEnd {
     return Fail(Errc::kUnsupported, "image");
   }
 
+  FrontEndCounters counters() const override { return counters_; }
+
   std::size_t bytes() const override {
-    return grey_.bytes() + tracker_.bytes() + detector_.bytes() + free_.bytes() + corners_.bytes() +
+    return motion_check_.bytes() + describer_.bytes() + verdicts_.bytes() + spots_.bytes() +
+           grey_.bytes() + tracker_.bytes() + detector_.bytes() + free_.bytes() + corners_.bytes() +
            counts_.bytes() + motions_.bytes() + features_.bytes() + descriptors_.bytes();
   }
 
  private:
+  struct Spot {
+    PatchPlace place;
+    int keyframe = 0;  // at which it was found
+  };
+
   bool IsFree(const FixedVector<std::uint8_t>& mask, const PatchPlace& place) const {
     const auto x = static_cast<int>(std::lround(place.x)),
                y = static_cast<int>(std::lround(place.y));
@@ -82,6 +108,31 @@ class VideoFrontEnd final : public FrontEnd {
     std::size_t kept = 0;
     for (const TrackedPoint& point : points) {
       if (IsFree(grey_.mask(), point.place)) points[kept++] = point;
+    }
+    points.TryResize(kept);
+  }
+
+  // What does not move with the scene. Where something is fixed to the camera nothing is sought for
+  // some time.
+  void DropClutter() {
+    FixedVector<TrackedPoint>& points = tracker_.points();
+    verdicts_.TryResize(points.size());
+    motion_check_.Judge(points.span(), options_.seed + num_frames_, verdicts_.span());
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      switch (verdicts_[i]) {
+        case PointVerdict::kScene:
+          points[kept++] = points[i];
+          break;
+        case PointVerdict::kStationary:
+          ++counters_.stationary;
+          if (spots_.full()) spots_.SwapRemove(0);
+          spots_.TryPushBack({points[i].place, num_keyframes_});
+          break;
+        case PointVerdict::kDrifting:
+          ++counters_.drifting;
+          break;
+      }
     }
     points.TryResize(kept);
   }
@@ -132,6 +183,14 @@ class VideoFrontEnd final : public FrontEnd {
       ++counts_[Count(CellOf(point.place))];
       Occupy(point.place, spacing_px);
     }
+    for (std::size_t i = spots_.size(); i-- > 0;) {
+      if (num_keyframes_ - spots_[i].keyframe > kSpotKeyframes) {
+        spots_.SwapRemove(i);
+      } else {
+        Occupy(spots_[i].place, std::max(spacing_px, 0.5 * options_.track_window_px));
+      }
+    }
+    ++num_keyframes_;
     CollectCorners();
     const float quality = corners_.empty() ? 0.0f : kMinCornerQuality * corners_[0].score;
     for (const Corner& corner : corners_) {
@@ -195,20 +254,24 @@ class VideoFrontEnd final : public FrontEnd {
     return cv::fastAtan2(static_cast<float>(my), static_cast<float>(mx));
   }
 
-  // Points too near to the border for a description get zeros, which match nothing.
   void Describe() {
+    const std::size_t stride = Count(DescriptorStride(options_.descriptor));
+    if (options_.descriptor != DescriptorType::kSift) return DescribeByOpenCv(stride);
+    const FixedVector<TrackedPoint>& points = tracker_.points();
+    for (std::size_t i = 0; i < points.size(); ++i)
+      describer_.Describe(tracker_.image().level(0), points[i].place,
+                          descriptors_.data() + i * stride);
+  }
+
+  // Points too near to the border for a description get zeros, which match nothing.
+  void DescribeByOpenCv(std::size_t stride) {
     keypoints_.clear();
     const FixedVector<TrackedPoint>& points = tracker_.points();
     for (std::size_t i = 0; i < points.size(); ++i) {
       cv::KeyPoint keypoint(points[i].place.x, points[i].place.y, kPatchSize,
                             Orientation(points[i].place));
       keypoint.class_id = static_cast<int>(i);
-      if (options_.descriptor == DescriptorType::kSift) {
-        keypoint.octave = 1 << 8;  // OpenCV's packing of octave 0, layer 1 ...
-        keypoint.size = 4.0f;      // ... and the scale that belongs to it
-      } else {
-        keypoint.octave = 0;
-      }
+      keypoint.octave = 0;
       if (options_.descriptor == DescriptorType::kAkaze) {
         keypoint.class_id = 0;
         keypoint.response = static_cast<float>(i);
@@ -219,7 +282,6 @@ class VideoFrontEnd final : public FrontEnd {
     if (keypoints_.empty()) return;
     descriptor_->compute(cv::Mat(height_px_, width_px_, CV_8UC1, grey_.data()), keypoints_,
                          cv_descriptors_);
-    const std::size_t stride = Count(DescriptorStride(options_.descriptor));
     for (std::size_t k = 0; k < keypoints_.size(); ++k) {
       const auto i = static_cast<std::size_t>(options_.descriptor == DescriptorType::kAkaze
                                                   ? std::lround(keypoints_[k].response)
@@ -234,12 +296,19 @@ class VideoFrontEnd final : public FrontEnd {
   int share_;  // of the points, for each cell of the grid
   GreyImage grey_;
   PointTracker tracker_;
+  MotionCheck motion_check_;
+  FixedVector<PointVerdict> verdicts_;
+  FixedVector<Spot> spots_;
+  FrontEndCounters counters_;
+  std::uint64_t num_frames_ = 0;
+  int num_keyframes_ = 0;
   CornerDetector detector_;
   FixedVector<std::uint8_t> free_;  // where a new point may be
   FixedVector<Corner> corners_;
   FixedVector<int> counts_;  // of the points in each cell
   FixedVector<float> motions_;
-  std::shared_ptr<cv::Feature2D> descriptor_;
+  PatchDescriber describer_;                   // SIFT
+  std::shared_ptr<cv::Feature2D> descriptor_;  // any other
   cv::Mat cv_descriptors_;
   std::vector<cv::KeyPoint> keypoints_;
   std::size_t points_at_keyframe_ = 0;

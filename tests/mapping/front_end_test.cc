@@ -2,11 +2,15 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <map>
+#include <vector>
 
 #include "rsfm/mapping/descriptor_matcher.h"
 #include "tests/mapping/blob_image.h"
+#include "tests/support/malloc_trap.h"
 
 namespace rsfm {
 namespace {
@@ -149,6 +153,102 @@ TEST(FrontEnd, VideoMakesAKeyframeWhenMuchHasMovedOrWhenAsked) {
     if (frame->descriptors.count > 0) keyframes.push_back(i);
   }
   EXPECT_EQ(keyframes, (std::vector<int>{0, 4, 6}));
+}
+
+// Dirt on the port: what is drawn there stays where it is while the scene goes by.
+void DrawDirt(BlobImage* image) {
+  const auto spot = [image](int x, int y, int radius, int light) {
+    for (int dy = -radius; dy <= radius; ++dy) {
+      for (int dx = -radius; dx <= radius; ++dx) {
+        if (dx * dx + dy * dy > radius * radius) continue;
+        image->bytes()[static_cast<std::size_t>((y + dy) * BlobImage::kWidth + x + dx)] =
+            static_cast<std::uint8_t>(light);
+      }
+    }
+  };
+  for (int i = 0; i < 8; ++i) spot(60 + 50 * i, i % 2 == 0 ? 70 : 250, 15, 235);  // 30 px wide
+  for (int i = 0; i < 16; ++i)
+    spot(240 + 8 * (i % 4), 150 + 8 * (i / 4), 2, 20);  // a field so wide
+}
+
+bool IsAtDirt(const Feature& f) {
+  for (int i = 0; i < 8; ++i) {
+    if ((f.pixel() - Vec2(60.5 + 50 * i, i % 2 == 0 ? 70.5 : 250.5)).norm() < 18.0) return true;
+  }
+  return f.x_px > 232.0f && f.x_px < 273.0f && f.y_px > 142.0f && f.y_px < 183.0f;
+}
+
+TEST(FrontEnd, VideoLeavesWhatIsFixedToTheCamera) {
+  MapperOptions options;
+  options.rhythm = Rhythm::kVideo;
+  options.grid_cell_px = 32;
+  const auto front_end = Make(options);
+  std::size_t first_at_dirt = 0, last_at_dirt = 0, last = 0;
+  for (int i = 0; i < 24; ++i) {
+    BlobImage image = BlobImage::Texture(i * Vec2(3.1, -1.2));
+    DrawDirt(&image);
+    const auto frame = front_end->Process(image.View(), i, {});
+    ASSERT_TRUE(frame.has_value());
+    last = frame->features.size();
+    last_at_dirt = static_cast<std::size_t>(
+        std::count_if(frame->features.begin(), frame->features.end(), IsAtDirt));
+    if (i == 0) first_at_dirt = last_at_dirt;
+  }
+  EXPECT_GE(first_at_dirt, 20u);
+  EXPECT_LE(last_at_dirt, first_at_dirt / 5);
+  EXPECT_GE(last, 80u);
+  EXPECT_GE(front_end->counters().stationary, 15);
+}
+
+TEST(FrontEnd, VideoTakesNoMemory) {
+  MapperOptions options;
+  options.rhythm = Rhythm::kVideo;
+  options.contrast_limit = 3.0;
+  const auto front_end = Make(options);
+  std::vector<BlobImage> images;
+  for (int i = 0; i < 8; ++i) images.push_back(BlobImage::Texture(i * Vec2(3.1, -1.2)));
+  const MallocTrap trap;
+  int keyframes = 0;
+  for (int i = 0; i < 8; ++i) {
+    const auto frame = front_end->Process(images[static_cast<std::size_t>(i)].View(), i,
+                                          {.want_descriptors = i % 3 == 0});
+    keyframes += frame.has_value() && frame->descriptors.count > 0;
+  }
+  EXPECT_EQ(trap.count(), 0u);
+  EXPECT_EQ(keyframes, 3);
+}
+
+// Where points are expected they are found, however far that is.
+TEST(FrontEnd, VideoLooksWherePointsAreExpected) {
+  for (const bool is_expected : {true, false}) {
+    MapperOptions options;
+    options.rhythm = Rhythm::kVideo;
+    const auto front_end = Make(options);
+    const BlobImage first = BlobImage::Texture(Vec2::Zero());
+    const Vec2 motion(140.0, -60.0);
+    const BlobImage second = BlobImage::Texture(motion);
+    const auto before = front_end->Process(first.View(), 1, {});
+    ASSERT_TRUE(before.has_value());
+    std::map<std::uint32_t, Vec2> places;
+    std::vector<Vec2> expected;
+    std::size_t stay = 0;
+    for (const Feature& f : before->features) {
+      places[f.track] = f.pixel();
+      expected.push_back(f.pixel() + motion + Vec2(4.0, -5.0));
+      if (expected.size() % 7 == 0) expected.back().setConstant(std::nan(""));
+      const Vec2 end = f.pixel() + motion;
+      stay += end.x() < BlobImage::kWidth - 12.0 && end.y() > 12.0 && expected.back().allFinite();
+    }
+    if (!is_expected) expected.clear();
+    const auto after = front_end->Process(second.View(), 2, {.expected_px = expected});
+    ASSERT_TRUE(after.has_value());
+    std::size_t right = 0;
+    for (const Feature& f : after->features) {
+      const auto place = places.find(f.track);
+      right += place != places.end() && (f.pixel() - place->second - motion).norm() < 0.3;
+    }
+    EXPECT_EQ(right >= stay * 9 / 10, is_expected) << right << " of " << stay;
+  }
 }
 
 TEST(FrontEnd, SameImageSameBytes) {

@@ -5,6 +5,8 @@
 namespace rsfm {
 namespace {
 
+constexpr Utime kFrozenUs = 1'000'000;  // the same image for so long: the camera sees nothing
+
 double SecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
@@ -16,6 +18,17 @@ Diagnostic FromError(const Error& error, const std::string& file, const char* se
           std::string("is refused: ") + ToString(error.code), "correct it"};
 }
 
+std::string DescribeLeftOut(const FrameGate& gate) {
+  std::string text;
+  for (int i = 1; i < kNumFrameVerdicts; ++i) {
+    const auto verdict = static_cast<FrameVerdict>(i);
+    if (gate.count(verdict) == 0) continue;
+    if (!text.empty()) text += ", ";
+    text += std::to_string(gate.count(verdict)) + " " + std::string(ToString(verdict));
+  }
+  return text;
+}
+
 IoExpected<MapperFeed> MapperFeed::Create(const Rig& rig, const std::string& file) {
   const auto camera = AnyCamera::Create(rig.camera);
   if (!camera) return Fail(FromError(camera.error(), file, "camera: "));
@@ -23,27 +36,73 @@ IoExpected<MapperFeed> MapperFeed::Create(const Rig& rig, const std::string& fil
   if (!mapper) return Fail(FromError(mapper.error(), file, "mapper."));
   auto front_end = FrontEnd::Create(rig.mapper, camera->width(), camera->height());
   if (!front_end) return Fail(FromError(front_end.error(), file, "mapper."));
-  return MapperFeed(*camera, std::move(*front_end), std::move(*mapper));
+  return MapperFeed(rig, *camera, std::move(*front_end), std::move(*mapper));
 }
 
 void MapperFeed::AddNav(const NavSample& sample) noexcept {
   mapper_->nav().buffer().Insert(sample);
+  gate_.SeeNavigation(sample.utime);
   ++counters_.nav_received;
+}
+
+// Where navigation says the camera has gone since the last image.
+std::span<const Vec2> MapperFeed::ExpectPoints(Utime utime) noexcept {
+  if (!has_seen_ || !last_.has_pose || !last_.scale_is_metric) return {};
+  const auto motion = mapper_->nav().Motion(last_utime_, utime);
+  if (!motion) return {};
+  return predictor_.Predict(mapper_->map(), camera_, seen_from_world_,
+                            motion->start_from_end.Inverse() * last_.camera_from_world);
+}
+
+Expected<FrameObservations> MapperFeed::Observe(const ImageView& image, Utime utime) {
+  counters_.last_frame = gate_.Check(image, utime);
+  switch (counters_.last_frame) {
+    case FrameVerdict::kGood:
+      return front_end_->Process(
+          image, utime,
+          {.want_descriptors = mapper_->wants_descriptors(), .expected_px = ExpectPoints(utime)});
+    case FrameVerdict::kNoImage:
+      return Fail(Errc::kInvalidArgument, "image");
+    case FrameVerdict::kWrongSize:
+      return Fail(Errc::kInvalidArgument, "size");
+    case FrameVerdict::kRepeatedTime:
+    case FrameVerdict::kOutOfOrder:
+    case FrameVerdict::kFromTheFuture:
+      return Fail(Errc::kOutOfOrder, "utime");
+    case FrameVerdict::kBlack:
+    case FrameVerdict::kWhite:
+    case FrameVerdict::kFlat:
+    case FrameVerdict::kTorn:
+      break;
+    case FrameVerdict::kDuplicate:
+      if (utime - last_utime_ < kFrozenUs) return Fail(Errc::kNotEnoughData, "duplicate");
+      break;
+  }
+  ++counters_.frames_unusable;
+  return FrameObservations{utime, {}, {}};
 }
 
 Expected<StepReport> MapperFeed::Process(const ImageView& image, Utime utime) {
   ++counters_.frames_received;
   const auto start = std::chrono::steady_clock::now();
-  const auto frame =
-      front_end_->Process(image, utime, {.want_descriptors = mapper_->wants_descriptors()});
+  const auto frame = Observe(image, utime);
   front_end_s_ += SecondsSince(start);
-  if (!frame) return tl::unexpected(frame.error());
+  if (!frame) {
+    ++counters_.frames_dropped;
+    return tl::unexpected(frame.error());
+  }
   const auto step_start = std::chrono::steady_clock::now();
   auto report = mapper_->Step(*frame);
   mapper_s_ += SecondsSince(step_start);
   if (!report) return report;
   counters_.frames_placed += report->state == MapperState::kTracking ? 1 : 0;
   last_ = *report;
+  last_utime_ = utime;
+  if (counters_.last_frame == FrameVerdict::kGood) {
+    predictor_.Remember(frame->features);
+    has_seen_ = report->has_pose;
+    seen_from_world_ = report->camera_from_world;
+  }
   return report;
 }
 

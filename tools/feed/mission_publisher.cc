@@ -195,7 +195,9 @@ void MissionPublisher::FillStatus(Utime utime, const StepReport& report,
   status.scale_is_metric = report.scale_is_metric;
   status.frames_received = counters.frames_received;
   status.frames_registered = counters.frames_placed;
-  status.frames_dropped = counters.frames_dropped;
+  status.frames_late = counters.frames_dropped;
+  status.frames_damaged = counters.frames_unusable;
+  status.frames_dropped = status.frames_late + status.frames_damaged;
   status.nav_received = counters.nav_received;
   const NavBuffer& nav = mapper.nav().buffer();
   for (int reason = 0; reason < kNumNavRejects; ++reason)

@@ -106,6 +106,7 @@ IoStatus Feed::MapOne(const ImageTime& image) {
   if (auto s = FeedNav(image.utime + kNavLeadUs); !s) return s;
   const std::int32_t reset_counter = feed_->last().reset_counter;
   const auto report = feed_->Process(*view, image.utime);
+  if (!report && feed_->counters().last_frame != FrameVerdict::kGood) return {};  // counted
   if (!report) return Fail(FromError(report.error(), (list_.folder / image.image).string(), ""));
   if (report->reset_counter != reset_counter && !report->scale_is_metric) placed_.clear();
   const Map& map = feed_->mapper().map();
@@ -138,6 +139,7 @@ MapResult Feed::Summary() const {
   result.num_placed = static_cast<int>(placed_.size());
   result.num_keyframes = static_cast<int>(map.keyframes().size());
   result.num_landmarks = static_cast<int>(map.landmarks().size());
+  result.left_out = DescribeLeftOut(feed_->gate());
   result.num_resets = last.reset_counter;
   result.scale_is_metric = last.scale_is_metric;
   result.world_is_ned = last.world_is_ned;

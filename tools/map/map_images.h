@@ -31,7 +31,8 @@ struct MapResult {
   int num_placed = 0;     // at the end, of the last map
   int num_keyframes = 0;  // in the map at the end
   int num_landmarks = 0;
-  int num_resets = 0;  // jumps of the world's frame
+  std::string left_out;  // images that were refused or showed nothing, by reason; or empty
+  int num_resets = 0;    // jumps of the world's frame
   bool scale_is_metric = false;
   bool world_is_ned = false;
   bool interrupted = false;                  // nothing was written

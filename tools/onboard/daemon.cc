@@ -201,7 +201,7 @@ status_t Daemon::MakeStatus(std::int64_t now_us) {
   }
   status.frames_received = source.frames;
   status.frames_missed = source.missed;
-  status.frames_damaged = source.damaged + source.io_errors;
+  status.frames_damaged += source.damaged + source.io_errors;  // and those that show nothing
   status.frames_late = source.late + shared_->frames_refused;
   status.frames_skipped = shared_->frames_skipped;
   status.frames_dropped =

@@ -10,6 +10,7 @@
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/rig.h"
 #include "rsfm/io/text.h"
+#include "rsfm/mapping/front_end.h"
 #include "rsfm/mapping/incremental_mapper.h"
 #include "rsfm/refraction/any_camera.h"
 #include "rsfm/refraction/best_fit.h"
@@ -193,8 +194,14 @@ int PrintMemory(const Rig& rig, const AnyCamera& camera, const std::string& file
     return Report({mapper.error().code, file, std::string("mapper.") + mapper.error().where,
                    "is not possible", "correct it in the rig file"});
   }
+  const auto front_end = FrontEnd::Create(rig.mapper, camera.width(), camera.height());
+  if (!front_end) {
+    return Report({front_end.error().code, file, std::string("mapper.") + front_end.error().where,
+                   "is not possible", "correct it in the rig file"});
+  }
   constexpr double kMebi = 1024.0 * 1024.0;
-  const MemoryPlan plan = (*mapper)->memory_plan();
+  MemoryPlan plan = (*mapper)->memory_plan();
+  plan.items.TryPushBack({"front end", (*front_end)->bytes()});
   std::printf("mapper memory %.1f MiB, taken at the start:\n",
               static_cast<double>(plan.total()) / kMebi);
   for (const MemoryPlan::Item& item : plan.items) {

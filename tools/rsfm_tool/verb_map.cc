@@ -53,6 +53,8 @@ int RunMap(const MapOptions& options) {
   std::printf("%s: %d of %d images placed, %d resets, %d landmarks, %.3f px in the last window\n",
               options.out.c_str(), result->num_placed, result->num_images, result->num_resets,
               result->num_landmarks, result->mean_error_px);
+  if (!result->left_out.empty())
+    std::printf("images of which nothing was used: %s\n", result->left_out.c_str());
   std::printf("world: %s, scale %s\n", result->world_is_ned ? "north-east-down" : "first camera",
               result->scale_is_metric ? "metric" : "unknown: nothing measured it");
   const double images = result->num_images;

@@ -1,0 +1,122 @@
+// Images that are none, between those that are: counted by reason, and nothing else changes.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <functional>
+#include <iterator>
+#include <vector>
+
+#include "tests/mapping/blob_image.h"
+#include "tools/feed/mapper_feed.h"
+
+namespace rsfm {
+namespace {
+
+constexpr int kWidth = BlobImage::kWidth, kHeight = BlobImage::kHeight;
+constexpr Utime kPeriod = 100'000, kStart = 1'700'000'000'000'000;
+
+Rig VideoRig() {
+  Rig rig;
+  rig.camera.lens = LensModel::kPinhole;
+  rig.camera.width = kWidth;
+  rig.camera.height = kHeight;
+  rig.camera.lens_params = {400.0, 400.0, 240.0, 160.0};
+  rig.mapper.rhythm = Rhythm::kVideo;
+  rig.mapper.max_features = 300;
+  rig.mapper.max_keyframes = 8;
+  rig.mapper.max_landmarks = 1000;
+  return rig;
+}
+
+std::vector<std::uint8_t> Shot(int index) {
+  BlobImage image = BlobImage::Texture(index * Vec2(2.6, -1.1));
+  return image.bytes();
+}
+ImageView View(const std::vector<std::uint8_t>& bytes) {
+  return {bytes.data(), kWidth, kHeight, kWidth, 1};
+}
+
+using Disturbance = std::function<void(MapperFeed* feed, int index)>;
+
+// What the mapper has after ten images, with something before each.
+std::vector<float> MapTen(const Disturbance& disturb, FeedCounters* counters) {
+  auto feed = std::move(*MapperFeed::Create(VideoRig(), "rig"));
+  std::vector<float> seen;
+  for (int i = 0; i < 10; ++i) {
+    disturb(&feed, i);
+    const auto report = feed.Process(View(Shot(i)), kStart + i * kPeriod);
+    EXPECT_TRUE(report.has_value());
+    const Map& map = feed.mapper().map();
+    seen.push_back(static_cast<float>(map.keyframes().size()));
+    seen.push_back(static_cast<float>(map.landmarks().size()));
+    for (const SlotId keyframe : map.keyframes()) {
+      for (const Feature& f : map.features(keyframe)) seen.insert(seen.end(), {f.x_px, f.y_px});
+    }
+  }
+  *counters = feed.counters();
+  return seen;
+}
+
+TEST(MapperFeed, ImagesOfAnotherTimeOrSizeChangeNothing) {
+  FeedCounters counters;
+  const std::vector<float> alone = MapTen([](MapperFeed*, int) {}, &counters);
+  EXPECT_EQ(counters.frames_dropped, 0);
+  EXPECT_GT(alone.size(), 500u);
+  const std::vector<float> disturbed = MapTen(
+      [](MapperFeed* feed, int i) {
+        const std::vector<std::uint8_t> other = Shot(50 + i);
+        const Utime now = kStart + i * kPeriod;
+        ImageView cut = View(other);
+        cut.height -= 1;
+        EXPECT_FALSE(feed->Process(cut, now - 1).has_value());
+        if (i == 0) return;
+        EXPECT_FALSE(feed->Process(View(other), now - kPeriod).has_value());        // repeated
+        EXPECT_FALSE(feed->Process(View(other), now - kPeriod - 1).has_value());    // older
+        EXPECT_FALSE(feed->Process(View(other), now + 3'600'000'000).has_value());  // in an hour
+      },
+      &counters);
+  EXPECT_TRUE(alone == disturbed);
+  EXPECT_EQ(counters.frames_dropped, 10 + 3 * 9);
+  EXPECT_EQ(counters.frames_received, 10 + 10 + 3 * 9);
+}
+
+// A black image, a white one, a grey one, a torn one, one that comes twice: the tracks go on.
+TEST(MapperFeed, TracksOutliveImagesThatShowNothing) {
+  auto feed = std::move(*MapperFeed::Create(VideoRig(), "rig"));
+  Utime now = kStart;
+  const auto process = [&](const std::vector<std::uint8_t>& bytes) {
+    return feed.Process(View(bytes), now += kPeriod);
+  };
+  ASSERT_TRUE(process(Shot(0)).has_value());
+  ASSERT_TRUE(process(Shot(1)).has_value());
+  const auto newest_tracks = [&] {
+    std::vector<std::uint32_t> tracks;
+    for (const Feature& f : feed.mapper().map().features(feed.mapper().map().keyframes().back()))
+      tracks.push_back(f.track);
+    return tracks;
+  };
+  const std::vector<std::uint32_t> before = newest_tracks();
+  ASSERT_GE(before.size(), 100u);
+  for (const int grey : {0, 255, 120}) {
+    const auto report =
+        process(std::vector<std::uint8_t>(kWidth * kHeight, static_cast<std::uint8_t>(grey)));
+    ASSERT_TRUE(report.has_value());
+    EXPECT_NE(report->state, MapperState::kTracking);
+  }
+  std::vector<std::uint8_t> torn = Shot(2);
+  std::fill(torn.begin() + kWidth * kHeight / 2, torn.end(), std::uint8_t{0});
+  ASSERT_TRUE(process(torn).has_value());
+  EXPECT_FALSE(process(Shot(1)).has_value());  // once more
+  EXPECT_EQ(feed.counters().frames_unusable, 4);
+  EXPECT_EQ(feed.counters().frames_dropped, 1);
+  EXPECT_EQ(DescribeLeftOut(feed.gate()), "1 black, 1 white, 1 flat, 1 torn, 1 duplicate");
+  ASSERT_TRUE(process(Shot(3)).has_value());
+  const std::vector<std::uint32_t> after = newest_tracks();
+  std::vector<std::uint32_t> both;
+  std::set_intersection(before.begin(), before.end(), after.begin(), after.end(),
+                        std::back_inserter(both));
+  EXPECT_GE(both.size(), before.size() * 8 / 10);
+}
+
+}  // namespace
+}  // namespace rsfm
