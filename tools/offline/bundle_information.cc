@@ -255,7 +255,6 @@ BundleInformation::VectorXd BundleInformation::PlacesGradient(
   return gradient;
 }
 
-// Column by column each image's share of the gradient, poses and points having followed.
 BundleInformation::MatrixXd BundleInformation::PullsOfImages() const {
   MatrixXd pulls =
       MatrixXd::Zero(num_parameters(), static_cast<Eigen::Index>(problem_.images.size()));
@@ -282,17 +281,15 @@ BundleInformation::MatrixXd BundleInformation::PullsOfImages() const {
   return pulls;
 }
 
-BundleInformation::MatrixXd BundleInformation::ClusteredCovariance() const {
-  MatrixXd pulls = PullsOfImages();
+BundleInformation::MatrixXd BundleInformation::ClusteredCovariance(const MatrixXd& pulls) const {
   const VectorXd mean = pulls.rowwise().mean();
-  pulls.colwise() -= mean;
-  const MatrixXd moved = covariance_ * pulls;
+  const MatrixXd moved = covariance_ * (pulls.colwise() - mean);
   const auto n = static_cast<double>(pulls.cols());
   return n / std::max(1.0, n - 1.0) * moved * moved.transpose();
 }
 
-BundleInformation::VectorXd BundleInformation::ParameterStep() const {
-  return -covariance_ * PullsOfImages().rowwise().sum();
+BundleInformation::VectorXd BundleInformation::ParameterStep(const MatrixXd& pulls) const {
+  return -covariance_ * pulls.rowwise().sum();
 }
 
 }  // namespace rsfm

@@ -36,13 +36,16 @@ class BundleInformation {
   const MatrixXd& covariance() const { return covariance_; }  // of the parameters
   // Of a function of the poses with this gradient, and its correlation with each parameter.
   double Variance(const VectorXd& gradient, VectorXd* correlation = nullptr) const;
+  // Column by column each image's share of the gradient by the parameters, poses and points having
+  // followed: what the next two are made from.
+  MatrixXd PullsOfImages() const;
   // The covariance that the residuals themselves show when those of an image may go together in any
-  // way, as they do where the camera model is not the whole truth: image by image the pull on the
-  // parameters, all else following.   [Liang & Zeger 1986, Biometrika 73(1), sec. 2]
-  MatrixXd ClusteredCovariance() const;
+  // way, as they do where the camera model is not the whole truth.
+  //   [Liang & Zeger 1986, Biometrika 73(1), sec. 2]
+  MatrixXd ClusteredCovariance(const MatrixXd& pulls) const;
   // The step that the residuals ask of the parameters, all else following; near 0 where they have
   // been adjusted.
-  VectorXd ParameterStep() const;
+  VectorXd ParameterStep(const MatrixXd& pulls) const;
 
   // Gradients for Variance: d log(distance of the pair) / d (poses), and that of a sum of
   // weights[i] . (place of image i).
@@ -72,7 +75,6 @@ class BundleInformation {
   bool Linearise(int index, Linearised* result) const;
   std::vector<std::vector<int>> OfPoints() const;
   void EliminatePoint(const std::vector<int>& observations);
-  MatrixXd PullsOfImages() const;
 
   const BundleOptions& options_;
   const BundleProblem& problem_;

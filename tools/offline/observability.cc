@@ -45,8 +45,10 @@ void DoubtHeld(const BundleOptions& options, const BundleProblem& solved,
   BundleInformation information(freed, solved.cameras, solved);
   information.AddPriors(HoldFor(options, solved).priors);
   if (!information.Factorise()) return;
-  const Eigen::VectorXd step = information.ParameterStep();
-  const Eigen::MatrixXd covariance = information.covariance() + information.ClusteredCovariance();
+  const Eigen::MatrixXd pulls = information.PullsOfImages();
+  const Eigen::VectorXd step = information.ParameterStep(pulls);
+  const Eigen::MatrixXd covariance =
+      information.covariance() + information.ClusteredCovariance(pulls);
   std::vector<int> held;
   for (int i = 0; i < information.num_parameters(); ++i) {
     const ParameterEstimate& e = information.estimates()[i];
@@ -96,7 +98,7 @@ Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
   report.bend = EstimateBend(solved, held);
   report.parameters = held.estimates();
   const Eigen::MatrixXd& covariance = held.covariance();
-  const Eigen::MatrixXd clustered = held.ClusteredCovariance();
+  const Eigen::MatrixXd clustered = held.ClusteredCovariance(held.PullsOfImages());
   for (int i = 0; i < held.num_parameters(); ++i) {
     ParameterEstimate& estimate = report.parameters[i];
     estimate.sigma = std::sqrt(std::max(covariance(i, i), clustered(i, i)));
