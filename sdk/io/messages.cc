@@ -138,6 +138,7 @@ bool Encode(const Message& message, std::vector<std::uint8_t>* buffer) {
 #define RSFM_INSTANTIATE(Message)                                     \
   template bool Decode(std::span<const std::uint8_t> data, Message*); \
   template bool Encode(const Message&, std::vector<std::uint8_t>* buffer)
+RSFM_INSTANTIATE(acfrlcm::auv_acfr_nav_t);
 RSFM_INSTANTIATE(ahrs_t);
 RSFM_INSTANTIATE(bot_core::pose_t);
 RSFM_INSTANTIATE(ctd_t);

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "acfrlcm/auv_acfr_nav_t.hpp"
 #include "bot_core/pose_t.hpp"
 #include "rsfm/ahrs_t.hpp"
 #include "rsfm/ctd_t.hpp"

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdlib>
 
+#include "rsfm/io/tables.h"
 #include "rsfm/navigation/lever_arm.h"
 
 namespace rsfm {
@@ -80,6 +81,8 @@ NavDecode NavConverter::Convert(const BusInput& input, std::span<const std::uint
       if (!Decode(data, &message)) return NavDecode::kMalformed;
       return Convert(message, input.convention, sample) ? NavDecode::kOk : NavDecode::kRejected;
     }
+    case InputType::kAcfrNav:
+      return DecodeAndConvert<acfrlcm::auv_acfr_nav_t>(this, data, sample);
   }
   return NavDecode::kMalformed;
 }
@@ -250,6 +253,35 @@ bool NavConverter::Convert(const bot_core::pose_t& m, Convention convention, Nav
   s.Set(NavField::kPosition);
   s.Set(NavField::kAttitude);
   s.Set(NavField::kVelocity);
+  *sample = s;
+  return true;
+}
+
+bool NavConverter::Convert(const acfrlcm::auv_acfr_nav_t& m, NavSample* sample) {
+  NavSample s;
+  const Vec3 position(m.x, m.y, m.depth), velocity(m.vx, m.vy, m.vz);
+  if (!position.allFinite() || !velocity.allFinite() ||
+      !Vec3(m.roll, m.pitch, m.heading).allFinite()) {
+    return false;
+  }
+  s.utime = m.utime;
+  s.position_ned_m = position;
+  s.ned_from_body = QuatFromRollPitchHeading(m.roll, m.pitch, m.heading);
+  s.velocity_body_mps = velocity;
+  s.depth_m = m.depth;
+  for (const NavField field :
+       {NavField::kPosition, NavField::kAttitude, NavField::kVelocity, NavField::kDepth})
+    s.Set(field);
+  if (std::isfinite(m.altitude) && m.altitude > 0.0) {
+    s.altitude_m = m.altitude;
+    s.Set(NavField::kAltitude);
+  }
+  const Vec3 rate(m.rollRate, m.pitchRate, m.headingRate);
+  ned_from_body_ = s.ned_from_body;
+  rotation_rate_radps_ = rate.allFinite() ? rate : Vec3::Zero();
+  attitude_utime_ = m.utime;
+  has_attitude_ = true;
+  depth_m_ = m.depth;
   *sample = s;
   return true;
 }

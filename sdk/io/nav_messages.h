@@ -38,6 +38,7 @@ class NavConverter {
   bool Convert(const ctd_t& message, NavSample* sample);
   bool Convert(const fix_t& message, NavSample* sample);
   bool Convert(const bot_core::pose_t& message, Convention convention, NavSample* sample);
+  bool Convert(const acfrlcm::auv_acfr_nav_t& message, NavSample* sample);
 
   // The origin of NED: the rig's, or else the first fix's.
   std::optional<Geodetic> origin() const;

@@ -103,13 +103,13 @@ void ReadInput(const YAML::Node& node, std::size_t index, const std::string& fil
     map.AddProblem("type", Quoted(type) + " is not a message type that is read here",
                    "give one of " + InputTypeNames());
   }
-  const bool is_foreign = input.type == InputType::kBotCorePose;
+  const bool is_foreign = IsForeign(input.type);
   if (map.GetText("convention", is_foreign ? Need::kRequired : Need::kOptional, &convention)) {
     const bool is_known = FromString(convention, &input.convention);
-    const bool is_rsfm = input.convention == Convention::kRsfm;
-    if (!is_known || is_rsfm == is_foreign) {
-      map.AddProblem("convention", Quoted(convention) + " is no convention of " + type,
-                     is_foreign ? "give libbot or openhumanoids" : "give rsfm, or leave it out");
+    if (!is_known || !IsConventionOf(input.type, input.convention)) {
+      map.AddProblem(
+          "convention", Quoted(convention) + " is no convention of " + type,
+          is_foreign ? "give " + ConventionNames(input.type) : "give rsfm, or leave it out");
     }
   }
   map.Finish();

@@ -39,11 +39,21 @@ struct SensorPlaces {
 
 // A channel to listen to, and how to read it. rsfm's own types have one meaning each; of a foreign
 // type the convention must be named, because its fingerprint does not tell.
-enum class InputType : std::uint8_t { kNav, kDvl, kAhrs, kDepth, kCtd, kFix, kBotCorePose };
+enum class InputType : std::uint8_t {
+  kNav,
+  kDvl,
+  kAhrs,
+  kDepth,
+  kCtd,
+  kFix,
+  kBotCorePose,
+  kAcfrNav
+};
 enum class Convention : std::uint8_t {
   kRsfm,           // rsfm's own types
   kLibbot,         // bot_core.pose_t: body x forward z up, velocity and rates in the local frame
   kOpenHumanoids,  // bot_core.pose_t: ENU position, body z down, velocity and rates in the body
+  kAcfr,           // acfrlcm.auv_acfr_nav_t: north-east-down, velocity in the body
 };
 struct BusInput {
   std::string channel;

@@ -7,10 +7,11 @@ namespace {
 
 // Index = value of the enumerator.
 constexpr std::array<std::string_view, 3> kWorldFrames = {"auto", "ned", "first_camera"};
-constexpr std::array<std::string_view, 7> kInputTypes = {
-    "rsfm.nav_t", "rsfm.dvl_t", "rsfm.ahrs_t",    "rsfm.depth_t",
-    "rsfm.ctd_t", "rsfm.fix_t", "bot_core.pose_t"};
-constexpr std::array<std::string_view, 3> kConventions = {"rsfm", "libbot", "openhumanoids"};
+constexpr std::array<std::string_view, 8> kInputTypes = {
+    "rsfm.nav_t", "rsfm.dvl_t", "rsfm.ahrs_t",     "rsfm.depth_t",
+    "rsfm.ctd_t", "rsfm.fix_t", "bot_core.pose_t", "acfrlcm.auv_acfr_nav_t"};
+constexpr std::array<std::string_view, 4> kConventions = {"rsfm", "libbot", "openhumanoids",
+                                                          "acfr"};
 
 template <class Enum, std::size_t N>
 bool Find(const std::array<std::string_view, N>& names, std::string_view name, Enum* value) {
@@ -45,6 +46,30 @@ std::string InputTypeNames() {
     text += (text.empty() ? "" : ", ") + std::string(name);
   }
   return text;
+}
+
+std::string ConventionNames(InputType type) {
+  std::string text;
+  for (std::size_t i = 0; i < kConventions.size(); ++i) {
+    if (!IsConventionOf(type, static_cast<Convention>(i))) continue;
+    text += (text.empty() ? "" : " or ") + std::string(kConventions[i]);
+  }
+  return text;
+}
+
+bool IsForeign(InputType type) {
+  return type == InputType::kBotCorePose || type == InputType::kAcfrNav;
+}
+
+bool IsConventionOf(InputType type, Convention convention) {
+  switch (type) {
+    case InputType::kBotCorePose:
+      return convention == Convention::kLibbot || convention == Convention::kOpenHumanoids;
+    case InputType::kAcfrNav:
+      return convention == Convention::kAcfr;
+    default:
+      return convention == Convention::kRsfm;
+  }
 }
 
 std::string YamlText(std::string_view value) {

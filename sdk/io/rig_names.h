@@ -10,11 +10,14 @@ namespace rsfm {
 
 std::string_view ToString(WorldFrame frame);       // "auto", "ned", "first_camera"
 std::string_view ToString(InputType type);         // "rsfm.nav_t", "bot_core.pose_t", ...
-std::string_view ToString(Convention convention);  // "rsfm", "libbot", "openhumanoids"
+std::string_view ToString(Convention convention);  // "rsfm", "libbot", ...
 bool FromString(std::string_view name, WorldFrame* frame);
 bool FromString(std::string_view name, InputType* type);
 bool FromString(std::string_view name, Convention* convention);
 std::string InputTypeNames();  // for messages
+std::string ConventionNames(InputType type);
+bool IsForeign(InputType type);  // its convention must be named
+bool IsConventionOf(InputType type, Convention convention);
 // Double-quoted for a YAML file: channel names, URLs and paths may hold any character.
 std::string YamlText(std::string_view value);
 

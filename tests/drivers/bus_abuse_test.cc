@@ -14,6 +14,7 @@ class BusAbuseTest : public ::testing::Test {
  protected:
   BusAbuseTest() {
     rig_.bus.inputs.push_back({"POSE", InputType::kBotCorePose, Convention::kLibbot});
+    rig_.bus.inputs.push_back({"ACFR_NAV", InputType::kAcfrNav, Convention::kAcfr});
     LcmBusOptions options;
     options.url = "memq://";
     options.queue_capacity = 64;
@@ -46,8 +47,11 @@ class BusAbuseTest : public ::testing::Test {
     dvl.num_beams = 2;
     dvl.beam_range_m = dvl.beam_velocity_mps = {1.0, 2.0};
     dvl.beam_valid = {1, 1};
-    return {Bytes(nav_t{}), Bytes(dvl),     Bytes(ahrs_t{}),           Bytes(depth_t{}),
-            Bytes(ctd_t{}), Bytes(fix_t{}), Bytes(bot_core::pose_t{}), Bytes(water_t{})};
+    acfrlcm::auv_acfr_nav_t acfr = {};
+    acfr.heading = std::nan("");
+    return {Bytes(nav_t{}),  Bytes(dvl),     Bytes(ahrs_t{}), Bytes(depth_t{}),
+            Bytes(acfr),     Bytes(ctd_t{}), Bytes(fix_t{}),  Bytes(bot_core::pose_t{}),
+            Bytes(water_t{})};
   }
 
   Rig rig_;

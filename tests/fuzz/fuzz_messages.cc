@@ -36,7 +36,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   using namespace rsfm;
   if (size == 0) return 0;
   const std::span<const std::uint8_t> data(bytes + 1, size - 1);
-  switch (bytes[0] % 13) {
+  switch (bytes[0] % 14) {
     case 0:
       ConvertAs(InputType::kNav, Convention::kRsfm, data);
       break;
@@ -73,8 +73,11 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
     case 11:
       RoundTrip<status_t>(data);
       break;
-    default:
+    case 12:
       RoundTrip<dvl_t>(data);
+      break;
+    default:
+      ConvertAs(InputType::kAcfrNav, Convention::kAcfr, data);
       break;
   }
   return 0;

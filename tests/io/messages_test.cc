@@ -71,8 +71,9 @@ status_t Sample<status_t>() {
 
 template <class Message>
 class MessageTest : public ::testing::Test {};
-using Messages = ::testing::Types<ahrs_t, bot_core::pose_t, ctd_t, depth_t, dvl_t, fix_t,
-                                  keyframe_t, landmarks_t, nav_t, pose_t, status_t, water_t>;
+using Messages =
+    ::testing::Types<acfrlcm::auv_acfr_nav_t, ahrs_t, bot_core::pose_t, ctd_t, depth_t, dvl_t,
+                     fix_t, keyframe_t, landmarks_t, nav_t, pose_t, status_t, water_t>;
 TYPED_TEST_SUITE(MessageTest, Messages);
 
 TYPED_TEST(MessageTest, DecodeInvertsEncode) {
@@ -260,6 +261,31 @@ TEST(NavMessagesTest, BotCorePoseInBothConventions) {
     EXPECT_LT((sample.velocity_body_mps - Vec3(1, 0, 0)).norm(), 1e-12);
     EXPECT_LT(sample.ned_from_body.angularDistance(Quat(half, 0, 0, half)), 1e-7);
   }
+}
+
+TEST(NavMessagesTest, AcfrNav) {
+  acfrlcm::auv_acfr_nav_t message = {};
+  message.utime = 7;
+  message.x = 4;
+  message.y = 3;
+  message.depth = 5;
+  message.heading = std::asin(1.0);  // east
+  message.vx = 1;
+  NavConverter converter{Rig()};
+  NavSample sample;
+  ASSERT_TRUE(converter.Convert(message, &sample));
+  const double half = std::sqrt(0.5);
+  EXPECT_EQ(sample.utime, 7);
+  EXPECT_LT((sample.position_ned_m - Vec3(4, 3, 5)).norm(), 1e-12);
+  EXPECT_LT((sample.velocity_body_mps - Vec3(1, 0, 0)).norm(), 1e-12);
+  EXPECT_LT(sample.ned_from_body.angularDistance(Quat(half, 0, 0, half)), 1e-7);
+  EXPECT_EQ(sample.depth_m, 5.0);
+  EXPECT_FALSE(sample.Has(NavField::kAltitude));  // 0: the altimeter had no return
+  message.altitude = 2.5;
+  ASSERT_TRUE(converter.Convert(message, &sample));
+  EXPECT_EQ(sample.altitude_m, 2.5);
+  message.pitch = std::nan("");
+  EXPECT_FALSE(converter.Convert(message, &sample));
 }
 
 }  // namespace

@@ -215,6 +215,17 @@ TEST(RigTest, ForeignTypesMustNameTheirConvention) {
   ASSERT_FALSE(rig);
   EXPECT_EQ(rig.error().field, "bus.inputs[0].convention");
   EXPECT_EQ(rig.error().line, 16);
+  const auto acfr = [](const char* convention) {
+    return ParseRig(std::string(kFlat) +
+                        "bus:\n  inputs:\n    - {channel: NAV, type: acfrlcm.auv_acfr_nav_t, "
+                        "convention: " +
+                        convention + "}\n",
+                    "rig.yaml");
+  };
+  ASSERT_TRUE(acfr("acfr"));
+  EXPECT_EQ(acfr("acfr")->bus.inputs[0].type, InputType::kAcfrNav);
+  ASSERT_FALSE(acfr("libbot"));
+  EXPECT_EQ(acfr("libbot").error().fix, "give acfr");
 }
 
 TEST(RigTest, CaptureAndOnboardAreReadAndWritten) {

@@ -5,7 +5,7 @@ set(third_base "Eigen/|tl/expected.hpp|boost/")
 set(private_navigation "GeographicLib/")
 set(private_mapping "opencv2/")
 
-set(third_io "lcm/|yaml-cpp/|bot_core/")  # bot_core: a foreign message type, generated as ours are
+set(third_io "lcm/|yaml-cpp/|bot_core/|acfrlcm/")  # the last two: foreign messages, generated as ours are
 
 set(problems 0)
 function(complain file text)
