@@ -23,6 +23,16 @@ bool IsLengthKnown(const CameraMotion& motion) {
   return motion.baseline_m() > 5.0 * std::max(motion.sigma_baseline_m(), 1e-4);
 }
 
+bool IsKnown(const NavSample& sample) {
+  return sample.Has(NavField::kAttitude) &&
+         (sample.Has(NavField::kVelocity) || sample.Has(NavField::kPosition));
+}
+
+// The older of two moments is from before navigation came, and the newer is not.
+bool PrecedesNavigation(const NavAid& nav, Utime older, Utime newer) {
+  return !IsKnown(nav.buffer().At(older)) && IsKnown(nav.buffer().At(newer));
+}
+
 }  // namespace
 
 Initialiser::Initialiser(const MapperOptions& options, const AnyCamera& camera)
@@ -67,7 +77,14 @@ Expected<InitialPair> Initialiser::FindPair(const Map& map, SlotId newer,
       error.detail = std::max(error.detail, static_cast<std::int32_t>(with.matches.size()));
       continue;
     }
-    const auto motion = nav.Motion(map.keyframe(with.keyframe).utime, map.keyframe(newer).utime);
+    const Utime older_utime = map.keyframe(with.keyframe).utime;
+    const Utime newer_utime = map.keyframe(newer).utime;
+    // A map keeps the scale of its first pair. The next keyframe has navigation on both sides.
+    if (PrecedesNavigation(nav, older_utime, newer_utime)) {
+      error = {Errc::kNotEnoughData, "navigation", 0};
+      continue;
+    }
+    const auto motion = nav.Motion(older_utime, newer_utime);
     const bool has_baseline = motion && IsLengthKnown(*motion);
     const auto report = Relate(map, map.features(newer), with, has_baseline ? &*motion : nullptr);
     if (!report) {

@@ -28,6 +28,8 @@ class Initialiser {
   // baseline's length is navigation's where `nav` gives it to better than a fifth.
   //   kNotEnoughInliers  no pair has init_min_inliers; `detail` is the most there were
   //   kDegenerate        too little parallax, or the geometry does not determine the pose
+  //   kNotEnoughData     the other keyframes are from before navigation came: with them the map
+  //                      would be without scale for good
   Expected<InitialPair> FindPair(const Map& map, SlotId newer,
                                  std::span<const KeyframeMatches> matches,
                                  const NavAid& nav) noexcept;

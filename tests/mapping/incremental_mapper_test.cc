@@ -40,10 +40,11 @@ class Survey {
   IncrementalMapper& mapper() { return *mapper_; }
 
   // Attitude at 10 Hz, velocity at 5 Hz, depth at 2 Hz, with typical noise.
-  void FeedNav(double end_s) {
+  void FeedNav(double end_s, double begin_s = -1.0) {
     Rng rng(99);
     for (int i = 0; i <= static_cast<int>(10 * end_s) + 20; ++i) {
       const double t = 0.1 * i - 1.0;
+      if (t < begin_s) continue;
       const Rigid3 body = SurveyBody(t);
       NavSample sample;
       sample.utime = UsFromSeconds(t + 100.0);
@@ -127,6 +128,19 @@ TEST_P(MapperSurvey, WithNavigationIsMetricAndTrue) {
   }
   EXPECT_GE(placed, 39);
   EXPECT_EQ(survey.heap_calls(), 0u);
+}
+
+// The camera is up before navigation, as on any vehicle: the scale is not given away for that.
+TEST_P(MapperSurvey, AKeyframeFromBeforeNavigationDoesNotTakeTheScaleAway) {
+  Survey survey(GetParam(), TestOptions());
+  survey.FeedNav(12.0, 0.5 / kFrameRate);
+  for (int frame = 0; frame < 10; ++frame) {
+    const StepReport report = survey.Fly(frame);
+    if (frame < 3) continue;
+    EXPECT_EQ(report.state, MapperState::kTracking) << frame;
+    EXPECT_TRUE(report.scale_is_metric);
+    EXPECT_TRUE(report.world_is_ned);
+  }
 }
 
 TEST_P(MapperSurvey, WithoutNavigationHasTheShapeAndSaysTheScaleIsUnknown) {
