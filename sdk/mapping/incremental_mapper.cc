@@ -369,6 +369,8 @@ void IncrementalMapper::PlacePair(const InitialPair& pair) noexcept {
   }
   if (!start) {
     report_.scale_is_metric = pair.is_metric;
+    // Navigation may have come later than the first image.
+    if (!first.nav.Has(NavField::kAttitude)) first.nav = nav_.buffer().At(first.utime);
     start = nav_.CameraFromNed(first.nav);
     report_.world_is_ned = start.has_value() && pair.is_metric;
     if (!report_.world_is_ned) start = Rigid3();

@@ -143,6 +143,19 @@ TEST_P(MapperSurvey, AKeyframeFromBeforeNavigationDoesNotTakeTheScaleAway) {
   }
 }
 
+// An image is mapped before the navigation of its time has come: the world is NED all the same.
+TEST_P(MapperSurvey, NavigationThatComesAfterTheFirstImageStillGivesTheWorld) {
+  Survey survey(GetParam(), TestOptions());
+  survey.Fly(0);
+  survey.FeedNav(8.0);
+  for (int frame = 1; frame < 6; ++frame) {
+    const StepReport report = survey.Fly(frame);
+    EXPECT_EQ(report.state, MapperState::kTracking) << frame;
+    EXPECT_TRUE(report.scale_is_metric);
+    EXPECT_TRUE(report.world_is_ned);
+  }
+}
+
 TEST_P(MapperSurvey, WithoutNavigationHasTheShapeAndSaysTheScaleIsUnknown) {
   Survey survey(GetParam(), TestOptions());
   std::vector<Vec3> found, truth;
