@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "rsfm/mapping/vector_clones.h"
+#include "rsfm/base/vector_clones.h"
 
 namespace rsfm {
 namespace {

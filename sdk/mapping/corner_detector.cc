@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "rsfm/mapping/vector_clones.h"
+#include "rsfm/base/vector_clones.h"
 
 namespace rsfm {
 namespace {
@@ -39,7 +39,7 @@ struct FiveRows {
   const std::int32_t* row[kRows];
 };
 
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void SmallerEigenvalues(const FiveRows& xx, const FiveRows& xy, const FiveRows& yy, int columns,
                         float* __restrict scores) {
   for (int x = 0; x < columns; ++x) {

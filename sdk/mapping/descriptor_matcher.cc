@@ -6,8 +6,8 @@
 #include <cstring>
 #include <limits>
 
+#include "rsfm/base/vector_clones.h"
 #include "rsfm/mapping/sift_distances.h"
-#include "rsfm/mapping/vector_clones.h"
 
 namespace rsfm {
 namespace {

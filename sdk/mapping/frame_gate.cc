@@ -63,9 +63,9 @@ FrameGate::FrameGate(int width_px, int height_px, const FrameGateOptions& option
   last_rows_.TryResize(last_rows_.capacity());
 }
 
-void FrameGate::SeeNavigation(Utime utime) noexcept {
-  newest_nav_ = has_nav_ ? std::max(newest_nav_, utime) : utime;
-  has_nav_ = true;
+void FrameGate::SeeTime(Utime utime) noexcept {
+  newest_seen_ = has_seen_ ? std::max(newest_seen_, utime) : utime;
+  has_seen_ = true;
 }
 
 FrameVerdict FrameGate::Check(const ImageView& image, Utime utime) noexcept {
@@ -96,9 +96,9 @@ FrameVerdict FrameGate::Judge(const ImageView& image, Utime utime) noexcept {
 FrameVerdict FrameGate::JudgeTime(Utime utime) noexcept {
   if (has_time_ && utime == last_utime_) return FrameVerdict::kRepeatedTime;
   if (has_time_ && utime < last_utime_) return FrameVerdict::kOutOfOrder;
-  const bool is_known = has_time_ || has_nav_;
+  const bool is_known = has_time_ || has_seen_;
   const bool is_near = (has_time_ && utime - last_utime_ <= max_gap_us_) ||
-                       (has_nav_ && utime <= newest_nav_ + max_gap_us_);
+                       (has_seen_ && utime <= newest_seen_ + max_gap_us_);
   if (!is_known || is_near) return FrameVerdict::kGood;
   const bool goes_on =
       num_pending_ > 0 && utime > pending_utime_ && utime - pending_utime_ <= max_gap_us_;

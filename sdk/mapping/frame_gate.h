@@ -48,8 +48,9 @@ class FrameGate {
   // The only place that allocates.
   FrameGate(int width_px, int height_px, const FrameGateOptions& options = {});
 
-  // Navigation of that time has arrived: an image of about then is not from the future.
-  void SeeNavigation(Utime utime) noexcept;
+  // Something else is known to be of that time, navigation or the end of a list: an image of about
+  // then is not from the future.
+  void SeeTime(Utime utime) noexcept;
   // Judges and counts the next image. Those that are good become the image before.
   FrameVerdict Check(const ImageView& image, Utime utime) noexcept;
 
@@ -70,8 +71,8 @@ class FrameGate {
   int width_, height_;
   FrameGateOptions options_;
   Utime max_gap_us_;
-  Utime last_utime_ = 0, newest_nav_ = 0, pending_utime_ = 0;
-  bool has_time_ = false, has_nav_ = false, has_rows_ = false;
+  Utime last_utime_ = 0, newest_seen_ = 0, pending_utime_ = 0;
+  bool has_time_ = false, has_seen_ = false, has_rows_ = false;
   int num_pending_ = 0, num_torn_ = 0;
   FixedVector<Row> rows_, last_rows_;  // of this image, of the last good one
   std::array<std::int64_t, kNumFrameVerdicts> counts_{};

@@ -5,7 +5,7 @@
 #include <cstring>
 #include <numbers>
 
-#include "rsfm/mapping/vector_clones.h"
+#include "rsfm/mapping/float8.h"
 
 namespace rsfm {
 namespace {
@@ -33,7 +33,7 @@ void Gaussian(float fraction, float (&taps)[kTaps]) {
   for (float& tap : taps) tap /= sum;
 }
 
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void Widen(const std::uint8_t* from, int stride_bytes, float* to) {
   for (int y = 0; y < kSourceSide; ++y) {
     for (int x = 0; x < kSourceStride; ++x) to[x] = from[x];
@@ -42,7 +42,7 @@ void Widen(const std::uint8_t* from, int stride_bytes, float* to) {
   }
 }
 
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void SmoothAcross(const float* from, const float (&taps)[kTaps], float* to) {
   for (int y = 0; y < kSourceSide; ++y) {
     for (int x = 0; x < kStride; x += kLanes) {
@@ -55,7 +55,7 @@ void SmoothAcross(const float* from, const float (&taps)[kTaps], float* to) {
   }
 }
 
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void SmoothDown(const float* from, const float (&taps)[kTaps], float* to) {
   for (int y = 0; y < kSmoothSide; ++y) {
     for (int x = 0; x < kStride; x += kLanes) {
@@ -70,7 +70,7 @@ void SmoothDown(const float* from, const float (&taps)[kTaps], float* to) {
 
 // Length of the gradient, weighted, and its direction in turns of the circle's eighths, 0 to 8,
 // from `turn` on. The arcus tangens is good to 1e-4 rad [Abramowitz & Stegun 1964, 4.4.49].
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void Gradients(const float* smooth, const float* weights, float turn, float* __restrict size,
                float* __restrict direction) {
   constexpr float kToEighths = static_cast<float>(kDirections / (2.0 * std::numbers::pi));

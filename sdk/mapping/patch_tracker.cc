@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "rsfm/mapping/vector_clones.h"
+#include "rsfm/mapping/float8.h"
 
 namespace rsfm {
 namespace {
@@ -15,7 +15,7 @@ bool IsInside(const PyramidLevel& level, PatchPlace at) {
          at.y <= static_cast<float>(level.height) - 0.5f;  // never with NaN
 }
 
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void Widen(const std::uint8_t* from, int stride_bytes, int rows, int columns, float* to) {
   for (int y = 0; y < rows; ++y) {
     for (int x = 0; x < columns; ++x) to[x] = from[x];
@@ -25,7 +25,7 @@ void Widen(const std::uint8_t* from, int stride_bytes, int rows, int columns, fl
 }
 
 // Between the pixels of a tile; `columns` is whole vectors.
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void Interpolate(const float* pixel, int tile_stride, float fx, float fy, int rows, int columns,
                  float* out) {
   for (int c = 0; c < columns; c += kLanes) {
@@ -46,7 +46,7 @@ struct TemplateSums {
 };
 
 // Gradients by central differences; columns beyond the window are zero.
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void Differentiate(const float* wide, int wide_stride, int rows, int stride, const float* mask,
                    float* t, float* gx, float* gy, TemplateSums* sums) {
   Float8 x{}, y{}, s{}, xx{}, xy{}, yy{}, xt{}, yt{}, tt{};
@@ -86,7 +86,7 @@ struct Light {
 };
 
 // Takes the mean from the patch, mean and multiples of the patch from its gradients.
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void ProjectOut(const Light& light, int rows, int stride, const float* mask, float* t, float* gx,
                 float* gy) {
   for (int c = 0; c < stride; c += kLanes) {
@@ -105,7 +105,7 @@ void ProjectOut(const Light& light, int rows, int stride, const float* mask, flo
 
 // Sums over the patch of gradient times difference. The template itself drops out: the gradients
 // are at right angles to it.
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void Compare(const float* pixel, int tile_stride, float fx, float fy, int rows, int stride,
              const float* gx, const float* gy, float* sum_x, float* sum_y) {
   Float8 bx{}, by{};
@@ -131,7 +131,7 @@ struct CorrelationSums {
   float i, ii, it;
 };
 
-RSFM_FLOAT_CLONES
+RSFM_VECTOR_CLONES
 void Correlate(const float* pixel, int tile_stride, float fx, float fy, int rows, int stride,
                const float* mask, const float* t, CorrelationSums* sums) {
   Float8 i{}, ii{}, it{};

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "rsfm/mapping/vector_clones.h"
+#include "rsfm/base/vector_clones.h"
 
 #if defined(__x86_64__)
 #include <immintrin.h>

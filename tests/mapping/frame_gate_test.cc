@@ -59,11 +59,11 @@ TEST(FrameGate, OneTimeFromTheFutureIsNotBelieved) {
   EXPECT_EQ(gate.Check(View(Shot(7)), 4012 * kSecond), FrameVerdict::kGood);
   EXPECT_EQ(gate.count(FrameVerdict::kFromTheFuture), 4);
   // Or navigation went on all the while: the first.
-  gate.SeeNavigation(9000 * kSecond);
+  gate.SeeTime(9000 * kSecond);
   EXPECT_EQ(gate.Check(View(Shot(8)), 9001 * kSecond), FrameVerdict::kGood);
   // A first image must fit to navigation, too.
   FrameGate fresh(kWidth, kHeight);
-  fresh.SeeNavigation(100 * kSecond);
+  fresh.SeeTime(100 * kSecond);
   EXPECT_EQ(fresh.Check(View(Shot(0)), 90000 * kSecond), FrameVerdict::kFromTheFuture);
   EXPECT_EQ(fresh.Check(View(Shot(1)), 101 * kSecond), FrameVerdict::kGood);
 }

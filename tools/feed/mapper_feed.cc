@@ -41,7 +41,7 @@ IoExpected<MapperFeed> MapperFeed::Create(const Rig& rig, const std::string& fil
 
 void MapperFeed::AddNav(const NavSample& sample) noexcept {
   mapper_->nav().buffer().Insert(sample);
-  gate_.SeeNavigation(sample.utime);
+  gate_.SeeTime(sample.utime);
   ++counters_.nav_received;
 }
 

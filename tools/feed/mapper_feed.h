@@ -29,6 +29,8 @@ class MapperFeed {
   static IoExpected<MapperFeed> Create(const Rig& rig, const std::string& file);
 
   void AddNav(const NavSample& sample) noexcept;
+  // Images that lie ready, not live: up to the last of them none is from the future.
+  void ExpectImagesUntil(Utime utime) noexcept { gate_.SeeTime(utime); }
   // One image through gate, front end and mapper. Errors are kOutOfOrder "utime" and
   // kInvalidArgument "size" or "image" of the gate, or those of front end and mapper; all three are
   // then as they were. An image that shows nothing (black, torn, …) goes to the mapper without

@@ -88,6 +88,7 @@ IoStatus Feed::OpenMapper() {
   auto feed = MapperFeed::Create(rig_, file);
   if (!feed) return Fail(feed.error());
   feed_.emplace(std::move(*feed));
+  feed_->ExpectImagesUntil(list_.images.back().utime);
   reader_ = std::make_unique<ImageReader>(feed_->camera().width(), feed_->camera().height());
   return {};
 }
