@@ -91,7 +91,8 @@ TEST(ReportTest, WritesPageAndFigures) {
   ASSERT_TRUE(WriteModel(Disturbed(Survey()), folder.path() / "model"));
   ASSERT_TRUE(WriteFileAtomically(
       folder.path() / "model" / "report.json",
-      R"({"iterations": 12, "parameters": [{"name": "port.distance_m", "initial": 0.02,
+      R"({"iterations": 12, "warnings": ["a bent map & more"],
+          "parameters": [{"name": "port.distance_m", "initial": 0.02,
           "refined": 0.0301, "standard_deviation": 0.0002, "determined": true}]})"));
   const fs::path out = Out(folder);
   const auto data =
@@ -117,7 +118,9 @@ TEST(ReportTest, WritesPageAndFigures) {
   ASSERT_TRUE(html);
   EXPECT_THAT(*html, HasSubstr("port.distance_m"));
   EXPECT_THAT(*html, HasSubstr("standard deviation"));
+  EXPECT_THAT(*html, HasSubstr("<li>a bent map &amp; more</li>"));
   EXPECT_THAT(*html, HasSubstr("Accuracy against the ground truth"));
+  EXPECT_THAT(*html, HasSubstr("Alignment: rotation and translation."));
   EXPECT_THAT(*html, ::testing::Not(HasSubstr("href=\"http")));
 }
 

@@ -53,6 +53,20 @@ std::optional<Alignment> AlignmentNamed(std::string_view name) {
   return std::nullopt;
 }
 
+const char* Describe(Alignment alignment) {
+  switch (alignment) {
+    case Alignment::kNone:
+      return "none: as it is";
+    case Alignment::kYaw:
+      return "heading and translation";
+    case Alignment::kSe3:
+      return "rotation and translation";
+    case Alignment::kSim3:
+      break;
+  }
+  return "rotation, translation and scale";
+}
+
 Expected<Similarity> AlignPoints(std::span<const Vec3> from, std::span<const Vec3> to,
                                  Alignment alignment) {
   if (alignment == Alignment::kNone) return Similarity();

@@ -14,6 +14,8 @@ enum class Alignment : std::uint8_t { kNone, kYaw, kSe3, kSim3 };
 
 // "none", "yaw", "se3" or "sim3".
 std::optional<Alignment> AlignmentNamed(std::string_view name);
+// In words: "rotation and translation".
+const char* Describe(Alignment alignment);
 
 struct Similarity {
   double scale = 1.0;

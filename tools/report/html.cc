@@ -1,5 +1,6 @@
 #include "tools/report/html.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <numeric>
 
@@ -82,8 +83,6 @@ std::string Summary(const ReportData& data) {
 }
 
 std::string Accuracy(const ReportData& data) {
-  static constexpr const char* kAlignments[] = {"none: as it is", "rotation and translation",
-                                                "rotation, translation and scale"};
   std::string rows;
   for (const ReportTrack& track : data.tracks) {
     if (!track.evaluation) continue;
@@ -101,8 +100,7 @@ std::string Accuracy(const ReportData& data) {
          "<tr><th></th><th>images</th><th>position, mean [mm]</th><th>root mean square [mm]</th>"
          "<th>largest [mm]</th><th>rotation, mean [\u00b0]</th><th>points to mesh, mean [mm]</th>"
          "<th>scale to the truth</th></tr>\n" +
-         rows + "</table>\n<p>Alignment: " + kAlignments[static_cast<int>(data.alignment)] +
-         ".</p>\n";
+         rows + "</table>\n<p>Alignment: " + Describe(data.alignment) + ".</p>\n";
 }
 
 std::string CameraAndPort(const ReportData& data) {
@@ -141,6 +139,7 @@ std::string ScalarText(const nlohmann::ordered_json& value) {
   if (value.is_boolean()) return value.get<bool>() ? "yes" : "no";
   if (value.is_number_float()) return Number(value.get<double>());
   if (value.is_null()) return "\u2013";
+  if (value.is_array() && value.empty()) return "none";
   return value.dump();
 }
 
@@ -150,12 +149,16 @@ std::string Words(std::string key) {
   return key;
 }
 
-bool IsListOfRecords(const nlohmann::ordered_json& value) {
-  if (!value.is_array() || value.empty()) return false;
-  for (const auto& element : value) {
-    if (!element.is_object()) return false;
-  }
-  return true;
+template <typename Predicate>
+bool IsListOf(const nlohmann::ordered_json& value, Predicate is_one) {
+  return value.is_array() && !value.empty() && std::all_of(value.begin(), value.end(), is_one);
+}
+
+// Sentences, warnings for instance.
+std::string TextList(const nlohmann::ordered_json& texts) {
+  std::string html = "<ul>\n";
+  for (const auto& text : texts) html += "<li>" + Escape(text.get<std::string>()) + "</li>\n";
+  return html + "</ul>\n";
 }
 
 // Records as a table with a column per key of the first.
@@ -178,7 +181,8 @@ std::string RecordTable(const nlohmann::ordered_json& records) {
   return html + "</table>\n";
 }
 
-// Whatever refine wrote down: scalars as rows, records as tables, objects as sections.
+// Whatever refine wrote down: scalars as rows, records as tables, sentences as lists, objects as
+// sections.
 std::string JsonHtml(const nlohmann::ordered_json& object, int level) {
   Table scalars;
   std::string rest;
@@ -187,8 +191,10 @@ std::string JsonHtml(const nlohmann::ordered_json& object, int level) {
     const std::string heading = "<" + tag + ">" + Escape(Words(key)) + "</" + tag + ">\n";
     if (value.is_object()) {
       rest += heading + JsonHtml(value, level + 1);
-    } else if (IsListOfRecords(value)) {
+    } else if (IsListOf(value, [](const auto& e) { return e.is_object(); })) {
       rest += heading + RecordTable(value);
+    } else if (IsListOf(value, [](const auto& e) { return e.is_string(); })) {
+      rest += heading + TextList(value);
     } else if (!value.is_array() || value.size() <= 16) {
       scalars.Row(Words(key), ScalarText(value));
     }
