@@ -201,22 +201,22 @@ TEST(BundleGaugeTest, NavigationHoldsWhatItMeasures) {
   const Survey survey = MakeSurvey(camera, Small());
   BundleProblem problem = ToProblem(camera.config(), survey);
   const int count = static_cast<int>(problem.images.size());
-  EXPECT_TRUE(HoldGauge(problem, true).gauge.scale);
-  EXPECT_FALSE(HoldGauge(problem, false).gauge.scale);
+  EXPECT_TRUE(HoldGauge(problem).gauge.scale);
+  EXPECT_FALSE(HoldGauge(problem, kSoftScale).gauge.scale);
   // A DVL: scale, nothing else.
   for (int k = 1; k < count; ++k) {
     const Rigid3 a = survey.camera_from_world[k - 1], b = survey.camera_from_world[k];
     problem.priors.push_back(*MakeDisplacementPrior(
         k - 1, k, Rigid3(), (a * b.Inverse()).translation, Vec3::Constant(0.05)));
   }
-  BundleGauge gauge = HoldGauge(problem, true).gauge;
+  BundleGauge gauge = HoldGauge(problem).gauge;
   EXPECT_FALSE(gauge.scale);
   EXPECT_TRUE(gauge.position && gauge.attitude);
   // Attitude besides.
   for (int k = 0; k < count; ++k)
     problem.priors.push_back(*MakeAttitudePrior(
         k, Rigid3(), survey.camera_from_world[k].rotation.conjugate(), Vec3::Constant(0.02)));
-  gauge = HoldGauge(problem, true).gauge;
+  gauge = HoldGauge(problem).gauge;
   EXPECT_TRUE(gauge.position);
   EXPECT_FALSE(gauge.attitude || gauge.scale);
   // Position alone holds everything.
@@ -224,7 +224,7 @@ TEST(BundleGaugeTest, NavigationHoldsWhatItMeasures) {
   for (int k = 0; k < count; ++k)
     problem.priors.push_back(*MakePositionPrior(
         k, Rigid3(), survey.camera_from_world[k].OriginOfTarget(), Vec3::Constant(0.5)));
-  gauge = HoldGauge(problem, true).gauge;
+  gauge = HoldGauge(problem).gauge;
   EXPECT_FALSE(gauge.position || gauge.attitude || gauge.scale);
 }
 
@@ -248,6 +248,99 @@ TEST(BundleGaugeTest, NavigationCorrectsTheScale) {
   ASSERT_TRUE(report);
   EXPECT_FALSE(report->gauge.scale);
   EXPECT_NEAR(Align(problem, truth).scale, 1.0, 0.003);
+}
+
+// A dome that is off sideways by more than half its radius bends the rays enough to tell the scale.
+// Held at a wrong scale its centre would go wrong with it.
+TEST(BundleGaugeTest, DomesCentreAndScaleAreFoundTogether) {
+  CameraConfig rig = PaperLens();
+  rig.port.type = PortType::kDome;
+  rig.port.center_m = Vec3(0.03, 0.0, 0.0);
+  rig.port.radius_m = 0.05;
+  rig.port.thickness_m = 0.007;
+  SurveyOptions survey = Small();
+  survey.altitude_m = 0.5;
+  survey.forward_m = 0.1;
+  survey.sideways_m = 0.15;
+  survey.relief_m = 0.1;
+  survey.noise_px = 0.2;
+  const Survey truth = MakeSurvey(*AnyCamera::Create(rig), survey);
+  Survey start = truth;
+  Disturb(&start, 0, 0.005, 0.005, 0.01, 2);
+  for (Rigid3& pose : start.camera_from_world) pose.translation *= 0.5;
+  for (Vec3& point : start.points) point *= 0.5;
+  CameraConfig wrong = rig;
+  wrong.port.center_m += Vec3(0.003, 0.003, -0.003);
+  const auto refined = [&](double scale_sigma) {
+    BundleProblem problem = ToProblem(wrong, start);
+    BundleOptions options;
+    options.port.center = true;
+    options.scale_sigma = scale_sigma;
+    // As from round to round: the soft hold moves with the result.
+    for (int round = 0; round < 6; ++round) {
+      const auto report = AdjustBundle(options, &problem);
+      EXPECT_TRUE(report);
+      EXPECT_EQ(report->gauge.scale_from_refraction, scale_sigma == kSoftScale);
+    }
+    return problem;
+  };
+  const BundleProblem soft = refined(kSoftScale), held = refined(kHeldScale);
+  EXPECT_LT((soft.cameras[0].port.center_m - rig.port.center_m).norm(), 2e-4);
+  EXPECT_NEAR(Align(soft, truth).scale, 1.0, 0.05);
+  EXPECT_GT((held.cameras[0].port.center_m - rig.port.center_m).norm(), 1e-3);
+}
+
+TEST(BundleGaugeTest, WhatTakesTheBendingOverLeavesNoScale) {
+  BundleOptions options;
+  EXPECT_FALSE(RaysTellScale(PortType::kNone, options));
+  EXPECT_TRUE(RaysTellScale(PortType::kFlat, options));
+  options.port.distance = true;
+  EXPECT_FALSE(RaysTellScale(PortType::kFlat, options));
+  EXPECT_TRUE(RaysTellScale(PortType::kDome, options));
+  options.lens.focal = true;
+  EXPECT_FALSE(RaysTellScale(PortType::kDome, options));
+}
+
+TEST(FitNoiseTest, TakesTheMedianWithinBounds) {
+  BundleOptions asked;
+  asked.sigma_px = 1.0;
+  asked.loss = {LossType::kCauchy, 2.0};
+  ErrorSummary errors;
+  errors.median_px = 0.3;
+  BundleOptions fitted = FitNoise(asked, errors);
+  EXPECT_NEAR(fitted.sigma_px, 0.3 / 1.1774, 1e-12);
+  EXPECT_NEAR(fitted.loss.scale * fitted.sigma_px, 0.3, 1e-12);
+  errors.median_px = 0.01;
+  fitted = FitNoise(asked, errors);
+  EXPECT_NEAR(fitted.sigma_px, 0.1, 1e-12);
+  EXPECT_NEAR(fitted.loss.scale, 1.1774, 1e-12);
+  errors.median_px = 5.0;  // worse than what was asked: as it was asked
+  fitted = FitNoise(asked, errors);
+  EXPECT_EQ(fitted.sigma_px, 1.0);
+  EXPECT_EQ(fitted.loss.scale, 2.0);
+  asked.loss.scale = 0.1;  // a loss that bends before the median stays there
+  errors.median_px = 0.5;
+  fitted = FitNoise(asked, errors);
+  EXPECT_NEAR(fitted.loss.scale * fitted.sigma_px, 0.1, 1e-12);
+}
+
+// A tenth of the observations displaced by a few tenths of a pixel, all the same way, among others
+// of 0.05 px: with the loss at one pixel they pull, with the noise as it shows they do not.
+TEST(FitNoiseTest, KeepsWhatSlidesFromPulling) {
+  const CameraConfig rig = PaperLens();
+  SurveyOptions survey = Small();
+  survey.noise_px = 0.05;
+  const Survey truth = MakeSurvey(*AnyCamera::Create(rig), survey);
+  BundleProblem problem = ToProblem(rig, truth);
+  for (std::size_t i = 0; i < problem.observations.size(); i += 10)
+    problem.observations[i].pixel += Vec2(0.5, 0.0) * (problem.observations[i].image % 3);
+  const BundleOptions asked;
+  ASSERT_TRUE(AdjustBundle(asked, &problem));
+  const double before = Align(problem, truth).rms_m;
+  const BundleOptions fitted = FitNoise(asked, *SummariseErrors(problem));
+  EXPECT_LT(fitted.sigma_px, 0.2);
+  ASSERT_TRUE(AdjustBundle(fitted, &problem));
+  EXPECT_LT(Align(problem, truth).rms_m, 0.7 * before);
 }
 
 TEST(BundleInputTest, RefusesWithReasons) {

@@ -12,6 +12,7 @@ struct MadeSceneOptions {
   bool placed = true;          // poses and tracks as the survey has them
   double feature_noise = 3.0;  // of each byte of a descriptor
   int clutter = 40;            // features of no point, in each image
+  int look_alikes = 1;         // that many points share one descriptor
   double wrong_tracks = 0.0;   // part of the observations given a wrong pixel
 };
 
@@ -27,7 +28,8 @@ inline Scene MakeScene(const CameraConfig& camera, const Survey& survey,
     return row;
   };
   std::vector<std::vector<std::uint8_t>> of_point;
-  for (std::size_t p = 0; p < survey.points.size(); ++p) of_point.push_back(random_row());
+  for (std::size_t p = 0; p < survey.points.size(); ++p)
+    of_point.push_back(p % options.look_alikes == 0 ? random_row() : of_point.back());
   for (std::size_t k = 0; k < survey.camera_from_world.size(); ++k) {
     SceneImage image;
     image.name = "image" + std::to_string(100 + k) + ".jpg";

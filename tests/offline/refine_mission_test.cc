@@ -182,7 +182,7 @@ TEST_F(RefineMissionTest, UwPinholeDropsThePort) {
   const auto pinhole = Refine(request);
   ASSERT_TRUE(pinhole) << ToString(pinhole.error());
   EXPECT_EQ(pinhole->camera_after.port.type, PortType::kNone);
-  EXPECT_GT(pinhole->camera_after.lens_params[0], 1.2 * config_.lens_params[0]);
+  EXPECT_GT(pinhole->camera_after.lens_params[0], 1.1 * config_.lens_params[0]);
   EXPECT_GT(pinhole->scene.errors.mean_px, refractive->scene.errors.mean_px);
   EXPECT_GT(Align(pinhole->model).rms_m, Align(refractive->model).rms_m);
 }

@@ -159,6 +159,40 @@ TEST_F(IncrementalTest, AWrongNormalIsFound) {
   EXPECT_LT((map.camera.port.normal - FlatRig().port.normal).norm(), 0.01);
 }
 
+// What the search along the curves finds once all is placed ends in the tracks.
+TEST_F(IncrementalTest, MatchesFoundAgainJoinTheModel) {
+  const std::vector<VerifiedPair> all = pairs_;
+  for (VerifiedPair& pair : pairs_) {
+    std::vector<std::pair<std::int32_t, std::int32_t>> half;
+    for (std::size_t i = 0; i < pair.matches.size(); i += 2) half.push_back(pair.matches[i]);
+    pair.matches = half;
+  }
+  Scene without = scene_;
+  const auto before = ReconstructIncrementally(options_, pairs_, "", &without);
+  ASSERT_TRUE(before);
+  int calls = 0;
+  options_.match_again = [&](const Scene& scene, std::vector<VerifiedPair>* pairs) {
+    ++calls;
+    EXPECT_EQ(scene.NumPlaced(), static_cast<int>(scene.images.size()));
+    EXPECT_EQ(pairs->size(), all.size());
+    *pairs = all;
+  };
+  const auto after = ReconstructIncrementally(options_, pairs_, "", &scene_);
+  ASSERT_TRUE(after);
+  EXPECT_EQ(calls, 1);
+  EXPECT_GT(after->models[0].report.num_observations,
+            1.1 * before->models[0].report.num_observations);
+  EXPECT_LT(Align(after->models[0].map).rms_m, 0.02);
+}
+
+// Noise of 0.4 px where one is first believed: the last adjustment has it as it is.
+TEST_F(IncrementalTest, TheNoiseIsFoundToo) {
+  const auto result = ReconstructIncrementally(options_, pairs_, "", &scene_);
+  ASSERT_TRUE(result);
+  EXPECT_NEAR(result->models[0].report.sigma_px, 0.35, 0.1);
+  EXPECT_NEAR(result->models[0].report.loss_scale, 1.1774, 1e-6);
+}
+
 TEST_F(IncrementalTest, TheStrongestNeighbourGoesFirst) {
   scene_.images[0].placed = true;
   const int point = scene_.AddPoint(Vec3::Zero());

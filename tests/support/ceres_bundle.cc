@@ -184,7 +184,7 @@ Expected<BundleReport> AdjustBundleByCeres(const BundleOptions& options, BundleP
   const bool caller_holds = std::any_of(problem->images.begin(), problem->images.end(),
                                         [](const BundleImage& image) { return image.fixed; });
   GaugeHold hold;
-  if (!caller_holds) hold = HoldGauge(*problem, options.hold_scale);
+  if (!caller_holds) hold = HoldGauge(*problem, options.scale_sigma);
 
   BundleReport report;
   report.gauge = hold.gauge;

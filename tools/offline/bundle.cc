@@ -157,6 +157,8 @@ class Minimiser {
   bool is_near_ = false, trusts_curvature_ = true;
 };
 
+constexpr double kLeastRedundancy = 0.1;  // errors of fewer say nothing of the noise
+
 }  // namespace
 
 Expected<ErrorSummary> SummariseErrors(const BundleProblem& problem) {
@@ -168,6 +170,8 @@ Expected<ErrorSummary> SummariseErrors(const BundleProblem& problem) {
   }
   ErrorSummary summary;
   double sum = 0.0, squares = 0.0;
+  std::vector<float> norms;
+  norms.reserve(problem.observations.size());
   for (const BundleObservation& o : problem.observations) {
     const BundleImage& image = problem.images[o.image];
     Vec2 error;
@@ -177,14 +181,34 @@ Expected<ErrorSummary> SummariseErrors(const BundleProblem& problem) {
       continue;
     }
     ++summary.num_observations;
+    norms.push_back(static_cast<float>(error.norm()));
     sum += error.norm();
     squares += error.squaredNorm();
   }
   if (summary.num_observations > 0) {
     summary.mean_px = sum / summary.num_observations;
     summary.rms_px = std::sqrt(squares / summary.num_observations);
+    const auto middle = norms.begin() + static_cast<std::ptrdiff_t>(norms.size() / 2);
+    std::nth_element(norms.begin(), middle, norms.end());
+    summary.median_px = *middle;
+    const double numbers = 2.0 * summary.num_observations;
+    const double unknowns = 3.0 * static_cast<double>(problem.points.size()) +
+                            6.0 * static_cast<double>(problem.images.size());
+    summary.redundancy = std::max(kLeastRedundancy, (numbers - unknowns) / numbers);
   }
   return summary;
+}
+
+BundleOptions FitNoise(const BundleOptions& asked, const ErrorSummary& errors) {
+  constexpr double kMedianInSigmas = 1.1774;  // of a Rayleigh distribution: sqrt(2 ln 2)
+  constexpr double kLeast = 0.1;
+  const double sigma_px = std::max(
+      errors.median_px / (kMedianInSigmas * std::sqrt(errors.redundancy)), kLeast * asked.sigma_px);
+  if (!(sigma_px < asked.sigma_px)) return asked;
+  BundleOptions fitted = asked;
+  fitted.sigma_px = sigma_px;
+  fitted.loss.scale = std::min(asked.loss.scale * asked.sigma_px / sigma_px, kMedianInSigmas);
+  return fitted;
 }
 
 Expected<BundleReport> AdjustBundle(const BundleOptions& options, BundleProblem* problem) {
@@ -195,7 +219,7 @@ Expected<BundleReport> AdjustBundle(const BundleOptions& options, BundleProblem*
   const bool caller_holds = std::any_of(problem->images.begin(), problem->images.end(),
                                         [](const BundleImage& image) { return image.fixed; });
   GaugeHold hold;
-  if (!caller_holds) hold = HoldGauge(*problem, options.hold_scale);
+  if (!caller_holds) hold = HoldGauge(*problem, options.scale_sigma);
 
   BundleReport report;
   report.gauge = hold.gauge;

@@ -74,6 +74,10 @@ struct RefinePort {
 // True when the refinement touches what this port has.
 bool RefinesPort(PortType type, const RefinePort& refine);
 
+// The scale held against the data's faint opinion; and left to the bent rays, held only between two
+// adjustments so that none leaps.
+inline constexpr double kHeldScale = 1e-4, kSoftScale = 0.3;
+
 struct BundleOptions {
   RefineLens lens;
   RefinePort port;
@@ -82,7 +86,7 @@ struct BundleOptions {
   int max_iterations = 50;
   double function_tolerance = 1e-7;
   int num_threads = 2;
-  bool hold_scale = true;  // where navigation does not give it
+  double scale_sigma = kHeldScale;  // of the prior for a scale that navigation does not give
   // After each step of all unknowns the points are adjusted to the new poses before the step is
   // judged. A trajectory without navigation bends easily, along arcs that a straight step leaves:
   // without this the solver creeps along them and stops before it is there.
@@ -92,11 +96,18 @@ struct BundleOptions {
   std::function<bool(const BundleProgress&)> progress;
 };
 
+// Whether the bent rays can tell the scale where nothing else does. The distance of a flat port
+// goes with it; a refined lens or index takes the bending over. A dome's radius and glass stay as
+// they are: its centre may be refined beside the scale, and with the scale held wrong goes wrong
+// itself.
+bool RaysTellScale(PortType type, const BundleOptions& options);
+
 // What was held because nothing else determines it.
 struct BundleGauge {
   bool position = false;
   bool attitude = false;
   bool scale = false;
+  bool scale_from_refraction = false;          // left to the bent rays
   int scale_image_a = -1, scale_image_b = -1;  // the pair whose distance is held
 };
 
@@ -122,12 +133,22 @@ Expected<BundleReport> AdjustBundle(const BundleOptions& options, BundleProblem*
 
 struct ErrorSummary {
   double mean_px = 0.0;
+  double median_px = 0.0;
   double rms_px = 0.0;
   int num_observations = 0;
-  int num_impossible = 0;  // not in the mean
+  int num_impossible = 0;   // not in the mean
+  double redundancy = 1.0;  // part of the numbers observed that poses and points do not take up
 };
 // kInvalidArgument for a camera that cannot be.
 Expected<ErrorSummary> SummariseErrors(const BundleProblem& problem);
+
+// What was asked, with sigma and loss as the errors of a settled problem show them: sigma from
+// their median and what poses and points took of them, the loss bent from there on where what was
+// asked bends later. Errors of features are those of good ones, a tenth of a pixel, among those of
+// edges that slide with the view: a loss that bends at a pixel takes all of the latter at their
+// word. Never more than was asked, at least a tenth of it.
+//   [Huber & Ronchetti 2009, Robust Statistics, sec. 7.8: scale by the median]
+BundleOptions FitNoise(const BundleOptions& asked, const ErrorSummary& errors);
 
 // The pair of images that are far apart, for the scale: from the first image the farthest, and from
 // that the farthest. {-1, -1} when all are in one place.
@@ -138,6 +159,6 @@ struct GaugeHold {
   BundleGauge gauge;
   std::vector<PosePrior> priors;
 };
-GaugeHold HoldGauge(const BundleProblem& problem, bool hold_scale);
+GaugeHold HoldGauge(const BundleProblem& problem, double scale_sigma = kHeldScale);
 
 }  // namespace rsfm

@@ -19,6 +19,18 @@ const char* const kDomeNames[] = {"port.center_x_m",  "port.center_y_m",  "port.
                                   "port.radius_m",    "port.thickness_m", "port.index_air",
                                   "port.index_glass", "port.index_water"};
 
+ParameterKind KindOfLens(std::string_view name) {
+  if (name.starts_with("f")) return ParameterKind::kFocal;
+  return name.starts_with("c") ? ParameterKind::kPrincipalPoint : ParameterKind::kDistortion;
+}
+
+// In the order of PortConfig::Params().
+ParameterKind KindOfPort(PortType type, Eigen::Index index) {
+  if (index >= 4) return ParameterKind::kIndex;  // of the others none is ever refined
+  if (type == PortType::kDome) return ParameterKind::kCenter;
+  return index < 3 ? ParameterKind::kNormal : ParameterKind::kDistance;
+}
+
 }  // namespace
 
 BundleInformation::BundleInformation(const BundleOptions& options,
@@ -55,8 +67,8 @@ void BundleInformation::AddCamera(std::size_t index, const CameraConfig& start) 
     names >> name;
     if (std::find(held.begin(), held.end(), i) != held.end()) continue;
     lens_free.push_back(i);
-    estimates_.push_back(
-        {prefix + name, start.lens_params[i], now.lens_params[i], 0.0, lens_sigma[i], 0.0, ""});
+    estimates_.push_back({KindOfLens(name), prefix + name, start.lens_params[i], now.lens_params[i],
+                          0.0, lens_sigma[i], 0.0, ""});
   }
   const int num_lens = static_cast<int>(lens_free.size());
   int num_port = 0;
@@ -73,7 +85,8 @@ void BundleInformation::AddCamera(std::size_t index, const CameraConfig& start) 
       plus.col(i).cwiseAbs().maxCoeff(&moved);
       if (plus(moved, i) < 0.0) plus.col(i) *= -1.0;
       estimates_.push_back(
-          {prefix + (now.port.type == PortType::kFlat ? kFlatNames : kDomeNames)[moved],
+          {KindOfPort(now.port.type, moved),
+           prefix + (now.port.type == PortType::kFlat ? kFlatNames : kDomeNames)[moved],
            before[moved], after[moved], 0.0, port_sigma[moved], 0.0, ""});
     }
   }
@@ -210,10 +223,17 @@ bool BundleInformation::Factorise() {
   if (factor->poses.info() != Eigen::Success) return false;
   factor_ = factor;
   poses_through_parameters_ = factor_->poses.solve(pose_by_parameter_);
-  const Eigen::LLT<MatrixXd> parameter_factor(
-      parameters_by_parameters_ - pose_by_parameter_.transpose() * poses_through_parameters_);
+  MatrixXd reduced =
+      parameters_by_parameters_ - pose_by_parameter_.transpose() * poses_through_parameters_;
+  std::vector<int> free;
+  for (int i = 0; i < num_parameters(); ++i)
+    if (held_.empty() || !held_[i]) free.push_back(i);
+  const auto count = static_cast<Eigen::Index>(free.size());
+  const Eigen::LLT<MatrixXd> parameter_factor(MatrixXd(reduced(free, free)));
   if (parameter_factor.info() != Eigen::Success) return false;
-  covariance_ = parameter_factor.solve(MatrixXd::Identity(num_parameters(), num_parameters()));
+  covariance_ = MatrixXd::Zero(num_parameters(), num_parameters());
+  const MatrixXd inverse = parameter_factor.solve(MatrixXd::Identity(count, count));
+  covariance_(free, free) = inverse;
   return covariance_.allFinite();
 }
 
@@ -221,8 +241,9 @@ double BundleInformation::Variance(const VectorXd& gradient, VectorXd* correlati
   const VectorXd through = poses_through_parameters_.transpose() * gradient;
   const VectorXd shared = covariance_ * through;
   const double variance = gradient.dot(factor_->poses.solve(gradient)) + through.dot(shared);
-  if (correlation != nullptr)
-    *correlation = -shared.array() / (covariance_.diagonal().array().sqrt() * std::sqrt(variance));
+  if (correlation == nullptr) return variance;
+  const Eigen::ArrayXd scale = covariance_.diagonal().array().sqrt() * std::sqrt(variance);
+  *correlation = (scale > 0.0).select(-shared.array() / scale, 0.0);
   return variance;
 }
 

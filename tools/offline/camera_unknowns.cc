@@ -5,6 +5,11 @@
 
 namespace rsfm {
 
+bool RaysTellScale(PortType type, const BundleOptions& options) {
+  return type != PortType::kNone && !options.lens.Any() && !options.port.index_water &&
+         !(type == PortType::kFlat && options.port.distance);
+}
+
 bool RefinesPort(PortType type, const RefinePort& refine) {
   switch (type) {
     case PortType::kFlat:

@@ -70,7 +70,7 @@ std::array<int, 2> FarPair(const BundleProblem& problem) {
   return {std::min(a, b), std::max(a, b)};
 }
 
-GaugeHold HoldGauge(const BundleProblem& problem, bool hold_scale) {
+GaugeHold HoldGauge(const BundleProblem& problem, double scale_sigma) {
   GaugeHold hold;
   if (problem.images.empty()) return hold;
   Vec3 center = Vec3::Zero();
@@ -101,12 +101,12 @@ GaugeHold HoldGauge(const BundleProblem& problem, bool hold_scale) {
     hold.gauge.position = true;
     hold.priors.push_back(HoldPrior(PriorKind::kPosition, 0, first, position / (1e-2 * size)));
   }
-  if (hold_scale && free(6, 6) > 0.5 && pair[0] >= 0) {
-    // Behind a port this does pull against the data's faint opinion, and must win.
-    hold.gauge.scale = true;
+  if (free(6, 6) > 0.5 && pair[0] >= 0) {
+    hold.gauge.scale = scale_sigma <= kHeldScale;
+    hold.gauge.scale_from_refraction = !hold.gauge.scale;
     hold.gauge.scale_image_a = pair[0];
     hold.gauge.scale_image_b = pair[1];
-    hold.priors.push_back(*MakeBaselinePrior(pair[0], pair[1], Rigid3(), size, 1e-4 * size));
+    hold.priors.push_back(*MakeBaselinePrior(pair[0], pair[1], Rigid3(), size, scale_sigma * size));
   }
   return hold;
 }

@@ -3,36 +3,17 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <numeric>
 
 #include "rsfm/estimation/five_point.h"
 #include "rsfm/refraction/best_fit.h"
 #include "tools/offline/chance.h"
+#include "tools/offline/descriptor_rows.h"
 #include "tools/offline/parallel_progress.h"
 
 namespace rsfm {
 namespace {
 
 constexpr double kOverlapMargin = 0.25;  // of the image's size: poses may have drifted
-
-// How many of the points that `a` observes would be seen by `b`, as a part.
-double Overlap(const Scene& scene, const AnyCamera& camera, int a, int b) {
-  int seen = 0, all = 0;
-  const SceneImage& other = scene.images[b];
-  const double margin_x = kOverlapMargin * camera.width(),
-               margin_y = kOverlapMargin * camera.height();
-  const std::vector<std::int32_t>& points = scene.images[a].points;
-  for (std::size_t f = 0; f < points.size(); ++f) {
-    if (points[f] == kNoPoint || ++all % 4 != 0) continue;  // every fourth is enough
-    Vec2 pixel;
-    if (camera.Project(other.camera_from_world * scene.points[points[f]].xyz, &pixel) !=
-        Projection::kOk)
-      continue;
-    seen += pixel.x() > -margin_x && pixel.y() > -margin_y &&
-            pixel.x() < camera.width() + margin_x && pixel.y() < camera.height() + margin_y;
-  }
-  return all < 8 ? 0.0 : 4.0 * seen / all;
-}
 
 // The essential matrix from five refracted rays, seen from the two cameras' centres as if all they
 // meet lay at one range: good enough to tell right matches from wrong ones, as only what refraction
@@ -69,60 +50,6 @@ class EssentialProblem {
   double focal_px_;
 };
 
-// Descriptors ready to be matched: all, and those of the largest features.
-struct Prepared {
-  DescriptorType type = DescriptorType::kNone;
-  std::vector<std::uint8_t> all, preview;
-
-  DescriptorView All() const { return View(all); }
-  DescriptorView Preview() const { return View(preview); }
-
- private:
-  DescriptorView View(const std::vector<std::uint8_t>& rows) const {
-    DescriptorView view;
-    view.type = type;
-    view.data = rows.data();
-    view.count = static_cast<int>(rows.size()) / DescriptorStride(type);
-    return view;
-  }
-};
-
-// SIFT's descriptors are compared by Hellinger's kernel: the Euclidean distance of the square roots
-// of the L1-normalised vector.   [Arandjelovic & Zisserman 2012, CVPR, sec. 3]
-void TakeRoots(std::vector<std::uint8_t>* descriptors) {
-  constexpr std::size_t kLength = 128;
-  for (std::size_t row = 0; row + kLength <= descriptors->size(); row += kLength) {
-    double sum = 0.0;
-    for (std::size_t k = 0; k < kLength; ++k) sum += (*descriptors)[row + k];
-    if (sum <= 0.0) continue;
-    for (std::size_t k = 0; k < kLength; ++k) {
-      const double root = 512.0 * std::sqrt((*descriptors)[row + k] / sum);
-      (*descriptors)[row + k] = static_cast<std::uint8_t>(std::min(255.0, root + 0.5));
-    }
-  }
-}
-
-Prepared Prepare(const SceneImage& image, int preview_features) {
-  Prepared prepared;
-  prepared.type = image.descriptor_type;
-  if (prepared.type == DescriptorType::kNone) return prepared;
-  prepared.all = image.descriptors;
-  if (prepared.type == DescriptorType::kSift) TakeRoots(&prepared.all);
-  std::vector<int> order(image.features.size());
-  std::iota(order.begin(), order.end(), 0);
-  if (image.sizes_px.size() == image.features.size()) {
-    std::stable_sort(order.begin(), order.end(),
-                     [&image](int a, int b) { return image.sizes_px[a] > image.sizes_px[b]; });
-  }
-  order.resize(std::min(order.size(), static_cast<std::size_t>(preview_features)));
-  const int stride = DescriptorStride(prepared.type);
-  for (const int i : order) {
-    const auto row = prepared.all.begin() + static_cast<std::ptrdiff_t>(i) * stride;
-    prepared.preview.insert(prepared.preview.end(), row, row + stride);
-  }
-  return prepared;
-}
-
 // The median range of what the placed images see; the paper's 5 m where there are none.
 double NominalRange(const Scene& scene) {
   std::vector<double> ranges;
@@ -141,7 +68,7 @@ double NominalRange(const Scene& scene) {
 // Matches and verifies one pair after another; one per thread.
 class PairMatcher {
  public:
-  PairMatcher(const Scene& scene, const std::vector<Prepared>& descriptors,
+  PairMatcher(const Scene& scene, const std::vector<DescriptorRows>& descriptors,
               const MatchOptions& options, const NominalCamera& camera, int max_features)
       : scene_(scene),
         descriptors_(descriptors),
@@ -153,8 +80,8 @@ class PairMatcher {
   std::optional<VerifiedPair> Match(const ImagePair& pair) {
     const SceneImage& a = scene_.images[pair.a];
     const SceneImage& b = scene_.images[pair.b];
-    const Prepared& in_a = descriptors_[pair.a];
-    const Prepared& in_b = descriptors_[pair.b];
+    const DescriptorRows& in_a = descriptors_[pair.a];
+    const DescriptorRows& in_b = descriptors_[pair.b];
     if (in_a.type != in_b.type || in_a.type == DescriptorType::kNone || a.features.empty() ||
         b.features.empty())
       return std::nullopt;
@@ -169,7 +96,7 @@ class PairMatcher {
 
  private:
   const Scene& scene_;
-  const std::vector<Prepared>& descriptors_;
+  const std::vector<DescriptorRows>& descriptors_;
   const MatchOptions& options_;
   DescriptorMatcher matcher_;
   std::vector<DescriptorMatch> matches_;
@@ -192,6 +119,24 @@ Rigid3 BestDecomposition(const Mat3& essential, const std::vector<Vec3>& a,
 }
 
 }  // namespace
+
+double Overlap(const Scene& scene, const AnyCamera& camera, int a, int b) {
+  int seen = 0, all = 0;
+  const SceneImage& other = scene.images[b];
+  const double margin_x = kOverlapMargin * camera.width(),
+               margin_y = kOverlapMargin * camera.height();
+  const std::vector<std::int32_t>& points = scene.images[a].points;
+  for (std::size_t f = 0; f < points.size(); ++f) {
+    if (points[f] == kNoPoint || ++all % 4 != 0) continue;  // every fourth is enough
+    Vec2 pixel;
+    if (camera.Project(other.camera_from_world * scene.points[points[f]].xyz, &pixel) !=
+        Projection::kOk)
+      continue;
+    seen += pixel.x() > -margin_x && pixel.y() > -margin_y &&
+            pixel.x() < camera.width() + margin_x && pixel.y() < camera.height() + margin_y;
+  }
+  return all < 8 ? 0.0 : 4.0 * seen / all;
+}
 
 Expected<NominalCamera> NominalCamera::Create(const CameraConfig& config, double range_m) {
   const Expected<AnyCamera> camera = AnyCamera::Create(config);
@@ -289,9 +234,10 @@ std::vector<VerifiedPair> MatchPairs(const Scene& scene, const std::vector<Image
   const Expected<NominalCamera> nominal = NominalCamera::Create(scene.camera, NominalRange(scene));
   if (!nominal) return {};
 
-  std::vector<Prepared> descriptors;
+  std::vector<DescriptorRows> descriptors;
   for (const SceneImage& image : scene.images)
-    descriptors.push_back(Prepare(image, options.preview_features));
+    descriptors.push_back(PrepareDescriptors(image.descriptor_type, image.descriptors,
+                                             image.sizes_px, options.preview_features));
   std::vector<std::optional<VerifiedPair>> results(pairs.size());
   const bool finished =
       ForEachInParallel(static_cast<int>(pairs.size()), options.num_threads, options.progress, [&] {

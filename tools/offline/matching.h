@@ -50,6 +50,10 @@ struct VerifiedPair {
   double median_angle_rad = 0.0;  // between the two rays of a match
 };
 
+// How many of the points that `a` observes would be seen by `b` (or little beside its image), as a
+// part. Precondition: both are placed.
+double Overlap(const Scene& scene, const AnyCamera& camera, int a, int b);
+
 // The camera as if all it sees lay at one range.
 struct NominalCamera {
   AnyCamera camera;

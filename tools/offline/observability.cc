@@ -14,7 +14,7 @@ namespace {
 GaugeHold HoldFor(const BundleOptions& options, const BundleProblem& problem) {
   const bool caller_holds = std::any_of(problem.images.begin(), problem.images.end(),
                                         [](const BundleImage& image) { return image.fixed; });
-  return caller_holds ? GaugeHold() : HoldGauge(problem, options.hold_scale);
+  return caller_holds ? GaugeHold() : HoldGauge(problem, options.scale_sigma);
 }
 
 // Nothing where the cameras do not look one way, or their places have no extent.
@@ -35,32 +35,34 @@ std::optional<BendEstimate> EstimateBend(const BundleProblem& problem,
   return BendEstimate{bend->sagitta_m, std::sqrt(variance), bend->radius_m, bend->along_line};
 }
 
-// One step of what the options hold, of that which bends maps most: focal length, port normal, dome
-// centre. The port's distance goes with the scale and is no more than that says.
-void DoubtHeld(const BundleOptions& options, const BundleProblem& solved,
+// Of what bends maps most: focal length, port normal, dome centre. The port's distance goes with
+// the scale and is no more than that says.
+bool WasHeld(ParameterKind kind, const BundleOptions& options) {
+  switch (kind) {
+    case ParameterKind::kFocal:
+      return !options.lens.focal;
+    case ParameterKind::kNormal:
+      return !options.port.normal;
+    case ParameterKind::kCenter:
+      return !options.port.center;
+    default:
+      return false;
+  }
+}
+
+// One step of what was held, all else following.
+void DoubtHeld(const std::vector<int>& held, BundleInformation information,
                ObservabilityReport* report) {
-  BundleOptions freed = options;
-  freed.lens.focal = true;
-  freed.port.normal = freed.port.center = true;
-  BundleInformation information(freed, solved.cameras, solved);
-  information.AddPriors(HoldFor(options, solved).priors);
-  if (!information.Factorise()) return;
+  information.Hold({});
+  if (held.empty() || !information.Factorise()) return;
   const Eigen::MatrixXd pulls = information.PullsOfImages();
   const Eigen::VectorXd step = information.ParameterStep(pulls);
   const Eigen::MatrixXd covariance =
       information.covariance() + information.ClusteredCovariance(pulls);
-  std::vector<int> held;
-  for (int i = 0; i < information.num_parameters(); ++i) {
+  for (const int i : held) {
     const ParameterEstimate& e = information.estimates()[i];
-    const bool was_held = e.name.find("normal") != std::string::npos   ? !options.port.normal
-                          : e.name.find("center") != std::string::npos ? !options.port.center
-                          : e.name.find("f") == 0                      ? !options.lens.focal
-                                                                       : false;
-    if (!was_held) continue;
-    held.push_back(i);
-    report->held.push_back({e.name, e.value, step[i], std::sqrt(covariance(i, i))});
+    report->held.push_back({e.kind, e.name, e.value, step[i], std::sqrt(covariance(i, i))});
   }
-  if (held.empty()) return;
   const Eigen::VectorXd steps = step(held);
   const double chi_squared = steps.dot(covariance(held, held).llt().solve(steps));
   report->held_sigmas = std::sqrt(chi_squared / static_cast<double>(held.size()));
@@ -79,7 +81,18 @@ Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
                                                    const std::vector<CameraConfig>& start,
                                                    const BundleProblem& solved) {
   if (start.size() != solved.cameras.size()) return Fail(Errc::kInvalidArgument, "start");
-  BundleInformation held(options, start, solved);
+  // One system of what was refined and of what is doubted; each question holds its part of it.
+  BundleOptions freed = options;
+  freed.lens.focal = true;
+  freed.port.normal = freed.port.center = true;
+  BundleInformation held(freed, start, solved);
+  std::vector<bool> was_held;
+  std::vector<int> doubted, refined;
+  for (int i = 0; i < held.num_parameters(); ++i) {
+    was_held.push_back(WasHeld(held.estimates()[i].kind, options));
+    (was_held.back() ? doubted : refined).push_back(i);
+  }
+  held.Hold(was_held);
   ObservabilityReport report;
   report.noise_px = held.noise_px();
   // The scale set free, but for a hold of 100 % that keeps the system regular.
@@ -96,16 +109,16 @@ Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
   if (!std::isfinite(report.scale_sigma) || !with_scale.allFinite() || !held.Factorise())
     return Fail(Errc::kDegenerate, "poses");
   report.bend = EstimateBend(solved, held);
-  report.parameters = held.estimates();
   const Eigen::MatrixXd& covariance = held.covariance();
   const Eigen::MatrixXd clustered = held.ClusteredCovariance(held.PullsOfImages());
-  for (int i = 0; i < held.num_parameters(); ++i) {
-    ParameterEstimate& estimate = report.parameters[i];
+  for (const int i : refined) {
+    ParameterEstimate estimate = held.estimates()[i];
     estimate.sigma = std::sqrt(std::max(covariance(i, i), clustered(i, i)));
     estimate.scale_correlation = with_scale[i];
     estimate.verdict = Verdict(estimate.sigma, estimate.prior_sigma);
+    report.parameters.push_back(std::move(estimate));
   }
-  DoubtHeld(options, solved, &report);
+  DoubtHeld(doubted, std::move(held), &report);
   return report;
 }
 

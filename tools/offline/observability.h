@@ -2,6 +2,7 @@
 // map; standard deviations at the solution, with everything else marginalised out.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -10,7 +11,18 @@
 
 namespace rsfm {
 
+enum class ParameterKind : std::uint8_t {
+  kFocal,
+  kPrincipalPoint,
+  kDistortion,
+  kNormal,
+  kDistance,
+  kCenter,
+  kIndex,
+};
+
 struct ParameterEstimate {
+  ParameterKind kind = ParameterKind::kFocal;
   std::string name;    // "fx", "port.distance_m", with "camera 1: " before it where several
   double start = 0.0;  // where the refinement began
   double value = 0.0;
@@ -29,6 +41,7 @@ struct BendEstimate {
 // What the residuals say of a parameter that was held: the step it would take, were it free, all
 // else following. Where the camera is right, steps lie within a few sigmas of 0.
 struct ParameterDoubt {
+  ParameterKind kind = ParameterKind::kFocal;
   std::string name;
   double value = 0.0, step = 0.0, sigma = 0.0;
 };

@@ -158,6 +158,8 @@ IoExpected<RefineResult> Refine(const RefineRequest& request) {
   RefineSceneOptions options = request.scene;
   options.progress = request.progress;
   ChooseParameters(request, &options);
+  if (!loaded->rig.world.scale_is_metric && RaysTellScale(scene.camera.port.type, options.bundle))
+    options.bundle.scale_sigma = kSoftScale;
   if (!navigation.samples.empty()) {
     options.navigate = [&](Scene* s) {
       result.alignment = AlignToNavigation(navigation, s);
@@ -172,7 +174,7 @@ IoExpected<RefineResult> Refine(const RefineRequest& request) {
   result.camera_after = scene.camera;
   if (result.scene.interrupted) return result;
   const auto observability =
-      AnalyseObservability(options.bundle, {result.camera_before}, ToBundle(scene).problem);
+      AnalyseObservability(result.scene.bundle, {result.camera_before}, ToBundle(scene).problem);
   if (observability) result.observability = *observability;
   DescribeWorld(result.alignment, result.scene.from_scratch, &scene, &loaded->rig.world);
   result.model = ModelFromScene(scene, loaded->rig);

@@ -11,6 +11,7 @@ using Json = nlohmann::ordered_json;
 
 Json RoundJson(const RefineRound& round) {
   return {{"refines_camera", round.refines_camera},
+          {"sigma_px", round.sigma_px},
           {"mean_error_px", round.mean_error_px},
           {"images", round.num_images},
           {"points", round.num_points},
@@ -26,15 +27,15 @@ Json RoundJson(const RefineRound& round) {
           {"merged_points", round.tracks.merged}};
 }
 
-// What decided each part of the world's place: "navigation", or "held": it stays
-// where it was.
+// What decided each part of the world's place: "navigation"; "held": it stays where it was;
+// "refraction": how far the bent rays say that it is.
 Json GaugeJson(const RefineResult& result) {
   const BundleGauge gauge =
       result.scene.rounds.empty() ? BundleGauge() : result.scene.rounds.back().bundle.gauge;
   const auto word = [](bool held) { return held ? "held" : "navigation"; };
   Json json = {{"position", word(gauge.position)},
                {"attitude", word(gauge.attitude)},
-               {"scale", word(gauge.scale)},
+               {"scale", gauge.scale_from_refraction ? "refraction" : word(gauge.scale)},
                {"scale_factor_from_navigation", result.alignment.scale_factor}};
   return json;
 }
@@ -63,7 +64,8 @@ std::string FormatRefineReport(const RefineRequest& request, const RefineResult&
                    {"observations", scene.errors.num_observations}};
   json["matching"] = {{"pairs", scene.num_pairs},
                       {"verified_pairs", scene.num_verified_pairs},
-                      {"matches", scene.num_matches}};
+                      {"matches", scene.num_matches},
+                      {"guided_matches", scene.num_guided_matches}};
   json["seconds"] = {{"matching", scene.seconds_matching},
                      {"placing", scene.seconds_placing},
                      {"rounds", scene.seconds_rounds}};

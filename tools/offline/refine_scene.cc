@@ -33,18 +33,24 @@ class Refiner {
       if (const Status status = PlaceAll(graph); !status) return tl::unexpected(status.error());
     }
     report_.seconds_placing = Seconds(start);
-    start = Now();
     if (options_.navigate && !report_.interrupted) options_.navigate(&scene_);
+    start = Now();
+    if (options_.guided && !report_.interrupted) AddMatchesAlongCurves();
+    report_.seconds_matching += Seconds(start);
+    start = Now();
+    const CorrespondenceGraph all_matches(scene_, pairs_);
     // What is wrong with the matches goes first: a lens or port that is free would bend to it.
-    const bool refines_camera = options_.bundle.lens.Any() || options_.bundle.port.Any();
-    if (refines_camera && options_.settle_first) {
+    if (RefinesCamera() && options_.settle_first) {
       BundleOptions calibrated = options_.bundle;
+      calibrated.scale_sigma = kHeldScale;
       calibrated.lens = {};
       calibrated.port = {};
-      if (const Status status = Rounds(graph, calibrated); !status)
+      if (const Status status = Rounds(all_matches, calibrated); !status)
         return tl::unexpected(status.error());
     }
-    if (const Status status = Rounds(graph, options_.bundle); !status)
+    if (const Status status = Rounds(all_matches, options_.bundle); !status)
+      return tl::unexpected(status.error());
+    if (const Status status = RoundsWithFittedNoise(all_matches); !status)
       return tl::unexpected(status.error());
     report_.seconds_rounds = Seconds(start);
     if (scene_.NumPlaced() < 2 || scene_.NumPoints() == 0)
@@ -58,6 +64,10 @@ class Refiner {
   static Clock::time_point Now() { return Clock::now(); }
   static double Seconds(Clock::time_point since) {
     return std::chrono::duration<double>(Clock::now() - since).count();
+  }
+
+  bool RefinesCamera() const {
+    return options_.bundle.lens.Any() || RefinesPort(scene_.camera.port.type, options_.bundle.port);
   }
 
   bool Tell(const std::string& what, double part) {
@@ -88,22 +98,32 @@ class Refiner {
   }
 
   void MatchImages() {
-    const std::vector<ImagePair> selected = SelectPairs(scene_, options_.match);
+    selected_ = SelectPairs(scene_, options_.match);
     MatchOptions match = options_.match;
     match.progress = [this](int done, int all) {
       return Tell("matching", static_cast<double>(done) / all);
     };
-    pairs_ = MatchPairs(scene_, selected, match);
-    report_.num_pairs = static_cast<int>(selected.size());
+    pairs_ = MatchPairs(scene_, selected_, match);
+    report_.num_pairs = static_cast<int>(selected_.size());
     report_.num_verified_pairs = static_cast<int>(pairs_.size());
     for (const VerifiedPair& pair : pairs_)
       report_.num_matches += static_cast<int>(pair.matches.size());
+  }
+
+  void AddMatchesAlongCurves() {
+    MatchOptions match = options_.match;
+    match.progress = [this](int done, int all) {
+      return Tell("matching along curves", static_cast<double>(done) / all);
+    };
+    report_.num_guided_matches =
+        AddGuidedMatches(scene_, selected_, match, *options_.guided, &pairs_);
   }
 
   // Global adjustment with lens and port as they are, then the filter.
   Status AdjustCalibrated(const std::string& what) {
     SceneBundle bundle = ToBundle(scene_);
     BundleOptions adjust = options_.bundle;
+    if (RefinesCamera()) adjust.scale_sigma = kHeldScale;  // a wrong port bends to a wrong scale
     adjust.lens = {};
     adjust.port = {};
     adjust.max_iterations = 25;
@@ -164,11 +184,26 @@ class Refiner {
     return {};
   }
 
+  // With the noise as it shows now, until that stays as it is.
+  Status RoundsWithFittedNoise(const CorrespondenceGraph& graph) {
+    constexpr int kTimes = 3;
+    constexpr double kSame = 0.95;
+    report_.bundle = options_.bundle;
+    for (int i = 0; i < kTimes && !report_.interrupted; ++i) {
+      const BundleOptions fitted = FitNoise(options_.bundle, SceneErrors(scene_));
+      if (fitted.sigma_px >= kSame * report_.bundle.sigma_px) break;
+      report_.bundle = fitted;
+      if (const auto done = Round(graph, fitted, false); !done) return tl::unexpected(done.error());
+    }
+    return {};
+  }
+
   // True when another round would bring nothing.
   Expected<bool> Round(const CorrespondenceGraph& graph, const BundleOptions& options,
                        bool is_first) {
     RefineRound round;
     round.refines_camera = options.lens.Any() || options.port.Any();
+    round.sigma_px = options.sigma_px;
     round.tracks = UpdateTracks(graph, options_.tracks, &scene_);
     SceneBundle bundle = ToBundle(scene_);
     BundleOptions adjust = options;
@@ -202,6 +237,7 @@ class Refiner {
 
   const RefineSceneOptions& options_;
   Scene& scene_;
+  std::vector<ImagePair> selected_;
   std::vector<VerifiedPair> pairs_;
   RefineSceneReport report_;
 };

@@ -3,10 +3,12 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "tools/offline/bundle.h"
+#include "tools/offline/guided_matching.h"
 #include "tools/offline/matching.h"
 #include "tools/offline/placing.h"
 #include "tools/offline/scene.h"
@@ -22,6 +24,8 @@ struct RefineSceneOptions {
   TrackOptions tracks;
   int max_rounds = 12;
   bool settle_first = true;  // rounds with lens and port as they are, before those that refine them
+  // With it, once all poses are known, more matches are sought along the epipolar curves.
+  std::optional<GuidedMatchOptions> guided;
   // The rounds end when the number of observations changes by no more than this part, ...
   double min_change = 0.002;
   double min_improvement = 0.001;  // ... and the mean error falls by no more than this part
@@ -35,6 +39,7 @@ struct RefineSceneOptions {
 
 struct RefineRound {
   bool refines_camera = false;  // lens or port
+  double sigma_px = 1.0;        // of an observation
   BundleReport bundle;
   FilterReport filter;
   TrackReport tracks;
@@ -51,9 +56,11 @@ struct RefineSceneReport {
   int num_pairs = 0;  // tried
   int num_verified_pairs = 0;
   int num_matches = 0;
+  int num_guided_matches = 0;     // besides
   std::vector<int> newly_placed;  // images
   std::vector<RefineRound> rounds;
-  ErrorSummary errors;  // at the end, over all observations
+  BundleOptions bundle;  // of the last round, with the noise as the errors showed it
+  ErrorSummary errors;   // at the end, over all observations
   double seconds_matching = 0.0, seconds_placing = 0.0, seconds_rounds = 0.0;
 };
 

@@ -69,7 +69,7 @@ std::vector<std::string> ObservabilityWarnings(const ObservabilityReport& report
     warnings.push_back(text);
   }
   for (const ParameterDoubt& d : report.held) {
-    const bool focal = d.name.find('f') == 0, normal = d.name.find("normal") != std::string::npos;
+    const bool focal = d.kind == ParameterKind::kFocal, normal = d.kind == ParameterKind::kNormal;
     const double matters = focal ? kFocalRatio * d.value : normal ? kNormalRad : kCenterM;
     if (!(report.held_sigmas > kSigmas && std::abs(d.step) > std::max(matters, 2.0 * d.sigma)))
       continue;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 
 #include "tools/reconstruction/consistency.h"
 #include "tools/reconstruction/next_image.h"
@@ -10,8 +11,7 @@
 namespace rsfm {
 namespace {
 
-constexpr std::uint32_t kCheckpointVersion = 2;
-constexpr double kSoftScale = 0.3;  // sigma of the scale between two adjustments, a ratio
+constexpr std::uint32_t kCheckpointVersion = 3;
 
 // Adds what it measures to a total.
 class Stopwatch {
@@ -34,6 +34,7 @@ class Reconstructor {
         pairs_(pairs),
         scene_(*scene),
         camera_(scene->camera),
+        bundle_(options.bundle),
         graph_(*scene, pairs),
         next_(*scene, pairs),
         used_(scene->images.size(), 0) {}
@@ -70,11 +71,8 @@ class Reconstructor {
     return static_cast<double>(scene_.NumPlaced()) / static_cast<double>(scene_.images.size());
   }
 
-  bool RefinesPort() const { return rsfm::RefinesPort(camera_.port.type, options_.bundle.port); }
-  // Whether the bent rays are asked for the scale.
-  bool ScaleFromRefraction() const {
-    return camera_.port.type != PortType::kNone && !RefinesPort() && !options_.bundle.lens.Any() &&
-           !model_.start.baseline_from_navigation;
+  bool RefinesCamera() const {
+    return options_.bundle.lens.Any() || RefinesPort(camera_.port.type, options_.bundle.port);
   }
 
   bool Start() {
@@ -85,6 +83,7 @@ class Reconstructor {
         PlaceStartPair(graph_, pairs_, used_, options_.start, &tried_starts_, &scene_);
     if (!start) return false;
     model_ = {};
+    all_matches_.reset();
     is_growing_ = true;
     model_.start = *start;
     next_.TouchAll();
@@ -98,14 +97,16 @@ class Reconstructor {
     ++result_.num_global_adjustments;
     if (options_.navigate) options_.navigate(&scene_);
     SceneBundle bundle = ToBundle(scene_);
-    BundleOptions adjust = options_.bundle;
-    if (is_growing_ && scene_.NumPlaced() < options_.refine_from) {
+    BundleOptions adjust = bundle_;
+    if (!model_.start.baseline_from_navigation && RaysTellScale(camera_.port.type, adjust))
+      adjust.scale_sigma = kSoftScale;
+    if (RefinesCamera() && is_growing_ && scene_.NumPlaced() < options_.refine_from) {
       adjust.lens = {};
       adjust.port = {};
+      adjust.scale_sigma = kHeldScale;  // a wrong port bends rays to a wrong scale
     }
     adjust.max_iterations = max_iterations;
     adjust.function_tolerance = tolerance;
-    if (scene_.priors.empty() && ScaleFromRefraction()) FreeScale(&adjust, &bundle.problem);
     adjust.progress = [&](const BundleProgress&) { return Tell(what, PartPlaced()); };
     {
       const Stopwatch watch(&result_.seconds_global);
@@ -118,20 +119,8 @@ class Reconstructor {
     }
     const Stopwatch watch(&result_.seconds_tracks);
     FilterScene(options_.filter, &scene_);
-    UpdateTracks(graph_, options_.tracks, &scene_);
+    UpdateTracks(all_matches_ ? *all_matches_ : graph_, options_.tracks, &scene_);
     return {};
-  }
-
-  static void FreeScale(BundleOptions* adjust, BundleProblem* problem) {
-    const auto [a, b] = FarPair(*problem);
-    if (a < 0) return;
-    const double distance = (problem->images[a].camera_from_world.OriginOfTarget() -
-                             problem->images[b].camera_from_world.OriginOfTarget())
-                                .norm();
-    const auto prior = MakeBaselinePrior(a, b, Rigid3(), distance, kSoftScale * distance);
-    if (!prior) return;
-    problem->priors.push_back(*prior);
-    adjust->hold_scale = false;
   }
 
   bool PlaceOne(std::vector<std::uint8_t>* closed, std::vector<std::uint8_t>* tried_pairs,
@@ -208,10 +197,21 @@ class Reconstructor {
     return {};
   }
 
+  void MatchAgain() {
+    all_matches_.reset();
+    if (!options_.match_again) return;
+    std::vector<VerifiedPair> pairs = pairs_;
+    options_.match_again(scene_, &pairs);
+    all_matches_.emplace(scene_, pairs);
+    const Stopwatch watch(&result_.seconds_tracks);
+    UpdateTracks(*all_matches_, options_.tracks, &scene_);
+  }
+
   // Rounds until they bring nothing, then the model is put away.
   Status Finish() {
     is_growing_ = false;
     ErrorSummary before;
+    bundle_ = options_.bundle;
     for (int round = 0; round < options_.max_rounds; ++round) {
       BundleReport bundle;
       const int observations = scene_.NumObservations();
@@ -220,6 +220,7 @@ class Reconstructor {
           !s)
         return s;
       if (result_.interrupted) return {};
+      if (round == 0) MatchAgain();
       ++model_.rounds;
       const ErrorSummary errors = SceneErrors(scene_);
       const bool settled =
@@ -229,11 +230,22 @@ class Reconstructor {
       before = errors;
       if (settled) break;
     }
-    // What the last completion added has not been adjusted, and what it moved not judged.
-    if (const Status s = AdjustAll("refining", options_.bundle.max_iterations,
-                                   options_.bundle.function_tolerance);
-        !s)
-      return s;
+    // What the last completion added has not been adjusted, and what it moved not judged. With the
+    // noise as it shows now, until that stays as it is.
+    constexpr int kTimes = 3;
+    constexpr double kSame = 0.95;
+    for (int i = 0; i < kTimes && !result_.interrupted; ++i) {
+      const double sigma_px = bundle_.sigma_px;
+      bundle_ = FitNoise(options_.bundle, SceneErrors(scene_));
+      if (i > 0 && bundle_.sigma_px >= kSame * sigma_px) break;
+      if (const Status s = AdjustAll("refining", options_.bundle.max_iterations,
+                                     options_.bundle.function_tolerance);
+          !s)
+        return s;
+    }
+    model_.sigma_px = bundle_.sigma_px;
+    model_.loss_scale = bundle_.loss.scale;
+    bundle_ = options_.bundle;
     if (!result_.interrupted) PutAway();
     return {};
   }
@@ -275,8 +287,8 @@ class Reconstructor {
     for (const bool value : {report.start.baseline_from_navigation,
                              report.start.baseline_from_refraction, report.scale_held})
       AppendBinary(bytes, static_cast<std::uint8_t>(value));
-    for (const double value :
-         {report.start.baseline_m, report.errors.mean_px, report.errors.rms_px})
+    for (const double value : {report.start.baseline_m, report.errors.mean_px, report.errors.rms_px,
+                               report.sigma_px, report.loss_scale})
       AppendBinary(bytes, value);
     AppendBinary(bytes, static_cast<std::int32_t>(report.errors.num_observations));
   }
@@ -292,8 +304,8 @@ class Reconstructor {
       reader->Read(&byte);
       *value = byte != 0;
     }
-    for (double* value :
-         {&report->start.baseline_m, &report->errors.mean_px, &report->errors.rms_px})
+    for (double* value : {&report->start.baseline_m, &report->errors.mean_px,
+                          &report->errors.rms_px, &report->sigma_px, &report->loss_scale})
       reader->Read(value);
     return reader->Read(&report->errors.num_observations);
   }
@@ -331,7 +343,9 @@ class Reconstructor {
   const std::vector<VerifiedPair>& pairs_;
   Scene& scene_;
   const CameraConfig camera_;  // as it was given
+  BundleOptions bundle_;       // with the noise as it is believed to be
   const CorrespondenceGraph graph_;
+  std::optional<CorrespondenceGraph> all_matches_;  // of the finished model, with those found again
   NextImage next_;
   std::vector<std::uint8_t> used_;  // images of finished models
   std::vector<std::uint8_t> tried_starts_;

@@ -3,9 +3,8 @@
 // [Schoenberger & Frahm 2016, CVPR, "Structure-from-Motion Revisited"]
 //
 // Scale: with navigation from it; from the first pair's baseline where its length is known, held.
-// Else from the bent rays of a calibrated port as far as they
-// tell (a baseline prior of 30 % keeps it from wandering where they do not); where the port is
-// refined or there is none it is that of the first pair, held.
+// Else from the bent rays where they tell it (RaysTellScale), kept by a prior of 30 % from leaping
+// between adjustments; where they do not it is that of the first pair, held.
 #pragma once
 
 #include <cstdint>
@@ -36,6 +35,9 @@ struct IncrementalOptions {
   double min_improvement = 0.002;  // and the mean error falls by no more than this
   // Brings the scene into navigation's frame and sets its priors.
   std::function<void(Scene*)> navigate;
+  // More matches between the placed images of `scene` for `pairs`, those that were given, when no
+  // image is left to place.
+  std::function<void(const Scene& scene, std::vector<VerifiedPair>* pairs)> match_again;
   // What is being done, how far (0 ... 1); false stops.
   std::function<bool(const std::string&, double)> progress;
   // The state as it can be continued from; false where it cannot be written.
@@ -49,6 +51,7 @@ struct ModelReport {
   int rounds = 0;
   int times_taken_off = 0;   // that contradicted images have been taken off and placed again
   int num_contradicted = 0;  // images that are contradicted still (consistency.h)
+  double sigma_px = 1.0, loss_scale = 1.0;  // of the last adjustment (FitNoise)
   BundleReport last_bundle;
   ErrorSummary errors;
 };

@@ -9,6 +9,7 @@
 
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/binary.h"
+#include "tools/offline/descriptor_rows.h"
 #include "tools/offline/parallel_progress.h"
 
 namespace rsfm {
@@ -18,26 +19,15 @@ namespace fs = std::filesystem;
 
 constexpr std::uint64_t kMagic = 0x31544D5453465352u;
 
-// Features of the images in work.
-class FeatureWindow {
+// Descriptors of the images in work.
+class DescriptorWindow {
  public:
-  FeatureWindow(const Extraction& extraction, const fs::path& work, int preview_features)
+  DescriptorWindow(const Extraction& extraction, const fs::path& work, int preview_features)
       : extraction_(extraction), work_(work), preview_features_(preview_features) {}
-
-  struct Loaded {
-    ImageFeatures features;
-    std::vector<std::uint8_t> preview;  // rows of the largest features
-
-    DescriptorView Preview() const {
-      return {preview.data(),
-              static_cast<int>(preview.size()) / std::max(1, DescriptorStride(features.type)),
-              features.type};
-    }
-  };
 
   // Loads what is not there and lets go of the rest. False when a file has gone.
   bool Hold(const std::vector<int>& images) {
-    std::map<int, Loaded> next;
+    std::map<int, DescriptorRows> next;
     for (const int i : images) {
       const auto found = loaded_.find(i);
       if (found != loaded_.end()) {
@@ -47,34 +37,19 @@ class FeatureWindow {
       const ExtractedImage& image = extraction_.images[i];
       auto features = ReadFeatures(FeaturesPath(work_, image.name), image.key);
       if (!features) return false;
-      next.emplace(i, Prepare(std::move(*features)));
+      next.emplace(i, PrepareDescriptors(features->type, std::move(features->descriptors),
+                                         features->sizes_px, preview_features_));
     }
     loaded_ = std::move(next);
     return true;
   }
-  const Loaded& Of(int image) const { return loaded_.at(image); }
+  const DescriptorRows& Of(int image) const { return loaded_.at(image); }
 
  private:
-  Loaded Prepare(ImageFeatures features) const {
-    std::vector<int> order(static_cast<std::size_t>(features.Size()));
-    std::iota(order.begin(), order.end(), 0);
-    std::stable_sort(order.begin(), order.end(), [&features](int a, int b) {
-      return features.sizes_px[a] > features.sizes_px[b];
-    });
-    order.resize(std::min(order.size(), static_cast<std::size_t>(preview_features_)));
-    Loaded loaded;
-    for (const int i : order) {
-      const std::uint8_t* row = features.Descriptors().Row(i);
-      loaded.preview.insert(loaded.preview.end(), row, row + DescriptorStride(features.type));
-    }
-    loaded.features = std::move(features);
-    return loaded;
-  }
-
   const Extraction& extraction_;
   const fs::path& work_;
   int preview_features_;
-  std::map<int, Loaded> loaded_;
+  std::map<int, DescriptorRows> loaded_;
 };
 
 // Pairs grouped so that each group touches two blocks of images at most.
@@ -166,27 +141,26 @@ std::optional<std::vector<PutativePair>> Load(const fs::path& path, const Extrac
 
 class BlockMatcher {
  public:
-  BlockMatcher(const FeatureWindow& window, const MatchStoreOptions& options, int max_features)
+  BlockMatcher(const DescriptorWindow& window, const MatchStoreOptions& options, int max_features)
       : window_(window),
         options_(options),
         matcher_(max_features),
         matches_(static_cast<std::size_t>(max_features)) {}
 
   void Match(PutativePair* pair) {
-    const FeatureWindow::Loaded& a = window_.Of(pair->images.a);
-    const FeatureWindow::Loaded& b = window_.Of(pair->images.b);
+    const DescriptorRows& a = window_.Of(pair->images.a);
+    const DescriptorRows& b = window_.Of(pair->images.b);
     if (pair->images.b - pair->images.a > options_.always_neighbours &&
         matcher_.Match(a.Preview(), b.Preview(), options_.max_ratio, matches_) <
             options_.preview_matches)
       return;
-    const int count = matcher_.Match(a.features.Descriptors(), b.features.Descriptors(),
-                                     options_.max_ratio, matches_);
+    const int count = matcher_.Match(a.All(), b.All(), options_.max_ratio, matches_);
     if (count >= options_.min_matches)
       pair->matches.assign(matches_.begin(), matches_.begin() + count);
   }
 
  private:
-  const FeatureWindow& window_;
+  const DescriptorWindow& window_;
   const MatchStoreOptions& options_;
   DescriptorMatcher matcher_;
   std::vector<DescriptorMatch> matches_;
@@ -213,7 +187,7 @@ IoExpected<MatchSummary> MatchImages(const Extraction& extraction,
   int max_features = 1;
   for (const ExtractedImage& image : extraction.images)
     max_features = std::max(max_features, image.num_features);
-  FeatureWindow window(extraction, work, options.preview_features);
+  DescriptorWindow window(extraction, work, options.preview_features);
   MatchSummary summary;
   for (const std::vector<ImagePair>& group : Blocks(pairs, options)) {
     const fs::path path = BlockPath(work, BlockKey(extraction, group, options));

@@ -6,6 +6,7 @@
 #include <set>
 
 #include "rsfm/io/atomic_output.h"
+#include "tools/offline/guided_matching.h"
 #include "tools/offline/report_json.h"
 #include "tools/offline/uwpinhole.h"
 #include "tools/reconstruction/verification.h"
@@ -113,7 +114,6 @@ class Reconstruction {
       image.features = std::move(features->pixels);
       image.points.assign(image.features.size(), kNoPoint);
       scene_.images.push_back(std::move(image));
-      colours_.push_back(std::move(features->colours));
     }
     return {};
   }
@@ -199,12 +199,33 @@ class Reconstruction {
     };
     if (at_images_ && !request_.nav_scale_only)
       options.navigate = [this](Scene* scene) { Navigate(scene); };
+    if (request_.guided) {
+      options.match_again = [this](const Scene& scene, std::vector<VerifiedPair>* pairs) {
+        MatchAgain(scene, pairs);
+      };
+    }
     options.progress = [this](const std::string& what, double part) { return Tell(what, part); };
     options.checkpoint = [this](const std::string& bytes) {
       checkpoint_status_ = WriteFileAtomically(CheckpointPath(), bytes);
       return checkpoint_status_.has_value();
     };
     return options;
+  }
+
+  void MatchAgain(const Scene& scene, std::vector<VerifiedPair>* pairs) {
+    std::vector<ImagePair> candidates;
+    for (const VerifiedPair& pair : *pairs) candidates.push_back(pair.images);
+    GuidedMatchOptions guided;
+    guided.descriptors = [this](int image) {
+      const ExtractedImage& from = result_.extraction.images[image];
+      auto features = ReadFeatures(FeaturesPath(WorkFolder(request_), from.name), from.key);
+      if (!features) return DescriptorRows();  // gone meanwhile: nothing more is found in it
+      return PrepareDescriptors(features->type, std::move(features->descriptors), {}, 0);
+    };
+    MatchOptions match = request_.verification;
+    match.num_threads = request_.num_threads;
+    match.progress = TellCounts("matching along curves");
+    result_.num_guided_matches += AddGuidedMatches(scene, candidates, match, guided, pairs);
   }
 
   // Into navigation's frame, with its priors, unless it contradicts what the images say.
@@ -293,7 +314,8 @@ class Reconstruction {
     if (result_.interrupted) return {};
     for (const IncrementalModel& model : mapped->models) AddModel(model, options.bundle);
     ExplainNotPlaced(*mapped);
-    WarnOfModels();
+    for (std::string& warning : ModelWarnings(result_))
+      result_.warnings.push_back(std::move(warning));
     fs::remove(checkpoint, error);
     return {};
   }
@@ -307,24 +329,41 @@ class Reconstruction {
     if (UsesNavigation() && !request_.nav_scale_only)
       model.residuals = at_images_->Compare(PlacedPoses(scene_));
     model.camera = scene_.camera;
+    BundleOptions solved = bundle;
+    if (!model.report.scale_held) solved.scale_sigma = kSoftScale;
+    solved.sigma_px = model.report.sigma_px;
+    solved.loss.scale = model.report.loss_scale;
     const auto observability =
-        AnalyseObservability(bundle, {result_.camera_before}, ToBundle(scene_).problem);
+        AnalyseObservability(solved, {result_.camera_before}, ToBundle(scene_).problem);
     if (observability) model.observability = *observability;
-    for (ScenePoint& point : scene_.points) point.rgb = ColourOf(point);
+    ColourPoints();
     Rig rig = rig_;
     DescribeWorld(model, &rig.world);
     model.model = ModelFromScene(scene_, rig);
     result_.models.push_back(std::move(model));
   }
 
-  std::array<std::uint8_t, 3> ColourOf(const ScenePoint& point) const {
-    std::array<int, 3> sum = {};
-    for (const TrackElement& e : point.track)
-      for (int c = 0; c < 3; ++c) sum[c] += colours_[e.image][e.feature][c];
-    const int count = std::max<int>(1, static_cast<int>(point.track.size()));
-    std::array<std::uint8_t, 3> mean = {};
-    for (int c = 0; c < 3; ++c) mean[c] = static_cast<std::uint8_t>(sum[c] / count);
-    return mean;
+  // Each point the mean of its features' colours, image after image from their files: colours of
+  // all images at once would be memory for nothing.
+  void ColourPoints() {
+    std::vector<Eigen::Array3i> sums(scene_.points.size(), Eigen::Array3i::Zero());
+    std::vector<int> counts(scene_.points.size(), 0);
+    for (std::size_t i = 0; i < scene_.images.size(); ++i) {
+      const SceneImage& image = scene_.images[i];
+      if (!image.placed) continue;
+      const ExtractedImage& from = result_.extraction.images[i];
+      const auto features = ReadFeatures(FeaturesPath(WorkFolder(request_), from.name), from.key);
+      if (!features) continue;  // gone meanwhile: the other images' colours
+      for (std::size_t f = 0; f < image.points.size(); ++f) {
+        if (image.points[f] == kNoPoint) continue;
+        const auto& [r, g, b] = features->colours[f];
+        sums[image.points[f]] += Eigen::Array3i(r, g, b);
+        ++counts[image.points[f]];
+      }
+    }
+    for (std::size_t p = 0; p < sums.size(); ++p)
+      for (int c = 0; c < 3; ++c)
+        scene_.points[p].rgb[c] = static_cast<std::uint8_t>(sums[p][c] / std::max(1, counts[p]));
   }
 
   // The world is navigation's, or the first image's camera.
@@ -361,43 +400,6 @@ class Reconstruction {
     }
   }
 
-  void WarnOfModels() {
-    if (result_.models.size() > 1) {
-      std::string sizes;
-      for (const ReconstructedModel& model : result_.models)
-        sizes += (sizes.empty() ? "" : ", ") + std::to_string(model.report.num_images);
-      result_.warnings.push_back(
-          "the images do not connect: " + std::to_string(result_.models.size()) + " models of " +
-          sizes + " images, each in a frame of its own");
-    }
-    if (!result_.not_placed.empty()) {
-      const LeftOutImage& first = result_.not_placed[0];
-      result_.warnings.push_back(std::to_string(result_.not_placed.size()) +
-                                 " image(s) not placed: " + first.image + " " + first.reason +
-                                 (result_.not_placed.size() > 1 ? "; ..." : ""));
-    }
-    for (const ReconstructedModel& model : result_.models) {
-      if (model.report.num_contradicted == 0) continue;
-      result_.warnings.push_back(
-          std::to_string(model.report.num_contradicted) + " of " +
-          std::to_string(model.report.num_images) +
-          " images stand where matches with their neighbours contradict: patterns that repeat; "
-          "the map is not to be trusted there. Give navigation (--nav), or leave the images out");
-    }
-    if (result_.models[0].observability)
-      for (std::string& warning : ObservabilityWarnings(*result_.models[0].observability))
-        result_.warnings.push_back(std::move(warning));
-    const double rms = result_.models[0].report.errors.rms_px;
-    if (rms > 1.5) {
-      char text[200];
-      std::snprintf(text, sizeof text,
-                    "the reprojection error is %.2f px RMS: the camera file does not describe "
-                    "these images well; try --refine-port or --refine-lens, or calibrate",
-                    rms);
-      result_.warnings.push_back(text);
-    }
-  }
-
   const ReconstructRequest& request_;
   ImageList list_;
   Rig rig_;
@@ -407,7 +409,6 @@ class Reconstruction {
   bool distrusted_ = false;
   NavigationAlignment alignment_;
   Scene scene_;
-  std::vector<std::vector<std::array<std::uint8_t, 3>>> colours_;
   std::vector<VerifiedPair> pairs_;
   IoStatus checkpoint_status_;
   ReconstructResult result_;

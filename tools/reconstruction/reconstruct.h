@@ -28,6 +28,7 @@ struct ReconstructRequest {
   bool refine_port = false;
   bool refine_lens = false;
   bool uwpinhole = false;
+  bool guided = false;            // more matches along epipolar curves when all is placed
   bool nav_scale_only = false;    // navigation gives the first pair's baseline and nothing else
   double first_baseline_m = 0.0;  // length of the first pair's baseline, where it is known; 0: not
   std::uint64_t seed = 1;
@@ -60,7 +61,8 @@ struct ReconstructResult {
   MatchSummary matching;
   int num_verified_pairs = 0;
   std::int64_t num_verified_matches = 0;
-  double range_m = 0.0;  // of the scene, roughly, as the verification saw it
+  std::int64_t num_guided_matches = 0;  // besides, in all models
+  double range_m = 0.0;                 // of the scene, roughly, as the verification saw it
   CameraConfig camera_before;
   std::vector<ReconstructedModel> models;  // the largest first
   std::vector<std::string> warnings;       // what the user should know before trusting the result
@@ -76,6 +78,10 @@ std::filesystem::path WorkFolder(const ReconstructRequest& request);
 // Reads and reconstructs; writes nothing but the working folder. A run that is interrupted
 // continues where it was when the same request comes again.
 IoExpected<ReconstructResult> Reconstruct(const ReconstructRequest& request);
+
+// What is to be said of models that do not connect, images that are not in them or contradict each
+// other, and cameras that do not describe the images.
+std::vector<std::string> ModelWarnings(const ReconstructResult& result);
 
 // report.json: what was used and what not, timings, errors, what scale and frame mean, warnings.
 std::string FormatReconstructReport(const ReconstructRequest& request,

@@ -1,4 +1,7 @@
-// report.json of a reconstruction.
+// report.json of a reconstruction, and its warnings.
+#include <cmath>
+#include <cstdio>
+
 #include "tools/offline/report_json.h"
 #include "tools/reconstruction/reconstruct.h"
 
@@ -56,6 +59,44 @@ Json ModelJson(const ReconstructRequest& request, const ReconstructResult& resul
 
 }  // namespace
 
+std::vector<std::string> ModelWarnings(const ReconstructResult& result) {
+  std::vector<std::string> warnings;
+  if (result.models.size() > 1) {
+    std::string sizes;
+    for (const ReconstructedModel& model : result.models)
+      sizes += (sizes.empty() ? "" : ", ") + std::to_string(model.report.num_images);
+    warnings.push_back("the images do not connect: " + std::to_string(result.models.size()) +
+                       " models of " + sizes + " images, each in a frame of its own");
+  }
+  if (!result.not_placed.empty()) {
+    const LeftOutImage& first = result.not_placed[0];
+    warnings.push_back(std::to_string(result.not_placed.size()) +
+                       " image(s) not placed: " + first.image + " " + first.reason +
+                       (result.not_placed.size() > 1 ? "; ..." : ""));
+  }
+  for (const ReconstructedModel& model : result.models) {
+    if (model.report.num_contradicted == 0) continue;
+    warnings.push_back(
+        std::to_string(model.report.num_contradicted) + " of " +
+        std::to_string(model.report.num_images) +
+        " images stand where matches with their neighbours contradict: patterns that repeat; "
+        "the map is not to be trusted there. Give navigation (--nav), or leave the images out");
+  }
+  if (result.models[0].observability)
+    for (std::string& warning : ObservabilityWarnings(*result.models[0].observability))
+      warnings.push_back(std::move(warning));
+  const double rms = result.models[0].report.errors.rms_px;
+  if (rms > 1.5) {
+    char text[200];
+    std::snprintf(text, sizeof text,
+                  "the reprojection error is %.2f px RMS: the camera file does not describe "
+                  "these images well; try --refine-port or --refine-lens, or calibrate",
+                  rms);
+    warnings.push_back(text);
+  }
+  return warnings;
+}
+
 std::string FormatReconstructReport(const ReconstructRequest& request,
                                     const ReconstructResult& result) {
   Json json;
@@ -73,6 +114,7 @@ std::string FormatReconstructReport(const ReconstructRequest& request,
                    {"matches", result.matching.num_matches},
                    {"verified", result.num_verified_pairs},
                    {"verified_matches", result.num_verified_matches},
+                   {"guided_matches", result.num_guided_matches},
                    {"range_m", result.range_m}};
   json["camera_before"] = CameraJson(result.camera_before);
   json["models"] = Json::array();

@@ -1,9 +1,12 @@
-// The flags that say what becomes of the camera in an adjustment.
+// The flags that refine and reconstruct share: what becomes of the camera, more matches.
 #pragma once
 
 #include <CLI/CLI.hpp>
 
 namespace rsfm {
+
+inline constexpr const char* kGuidedHelp =
+    "search the images again along the epipolar curves once the poses are known: more matches";
 
 inline void AddCameraFlags(CLI::App* verb, bool* refine_port, bool* refine_lens, bool* uwpinhole) {
   CLI::Option* port =

@@ -23,6 +23,7 @@ ReconstructRequest ToRequest(const ReconstructOptions& options) {
   request.refine_port = options.refine_port;
   request.refine_lens = options.refine_lens;
   request.uwpinhole = options.uwpinhole;
+  request.guided = options.guided;
   request.nav_scale_only = options.nav_scale_only;
   request.first_baseline_m = options.first_baseline_m;
   request.seed = options.seed;
@@ -93,6 +94,7 @@ CLI::App* DeclareReconstruct(CLI::App& app, ReconstructOptions* options) {
                  "navigation gives the first pair's baseline and nothing else")
       ->needs(nav);
   verb->add_option("--times", options->times, "IMAGES.csv: image,utime");
+  verb->add_flag("--guided", options->guided, kGuidedHelp);
   AddCameraFlags(verb, &options->refine_port, &options->refine_lens, &options->uwpinhole);
   verb->add_option("--first-baseline", options->first_baseline_m,
                    "length of the first pair's baseline [m], where it is known")

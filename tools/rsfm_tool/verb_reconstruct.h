@@ -16,6 +16,7 @@ struct ReconstructOptions {
   bool refine_port = false;
   bool refine_lens = false;
   bool uwpinhole = false;
+  bool guided = false;
   bool nav_scale_only = false;
   double first_baseline_m = 0.0;
   std::string features = "sift";

@@ -21,8 +21,11 @@ void PrintFindings(const RefineResult& result) {
                 scene.observations_before);
   std::printf("error after  %.4f px mean, %.4f px RMS\n", scene.errors.mean_px,
               scene.errors.rms_px);
-  if (!scene.rounds.empty() && scene.rounds.back().bundle.gauge.scale)
-    std::printf("scale        held: no sensor gives it\n");
+  const BundleGauge gauge = scene.rounds.empty() ? BundleGauge() : scene.rounds.back().bundle.gauge;
+  if (gauge.scale) std::printf("scale        held: no sensor gives it\n");
+  if (gauge.scale_from_refraction && result.observability)
+    std::printf("scale        from refraction alone, +- %.2g %%\n",
+                100.0 * result.observability->scale_sigma);
   if (result.water) {
     std::printf(
         "water        index %.6f for all images; %.6f to %.6f in the mission, %.6f in the rig\n",
@@ -54,11 +57,12 @@ CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options) {
   verb->add_option("input", options->input, "mission or model folder")->required();
   verb->add_option("--out", options->out, "model folder to write")->required();
   verb->add_option("--nav", options->nav, "NAV.csv, in place of the mission's own navigation");
+  verb->add_flag("--guided", options->guided, kGuidedHelp);
   AddCameraFlags(verb, &options->refine_port, &options->refine_lens, &options->uwpinhole);
   verb->add_option("--loss", options->loss, "robust loss of image errors: cauchy, huber or none")
       ->check(CLI::IsMember({"cauchy", "huber", "none"}))
       ->capture_default_str();
-  verb->add_option("--loss-px", options->loss_px, "image error where the loss begins to bend [px]")
+  verb->add_option("--loss-px", options->loss_px, "image error where the loss begins to bend at the latest [px]")
       ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
   return verb;
@@ -72,6 +76,7 @@ int RunRefine(const RefineOptions& options) {
   request.refine_port = options.refine_port;
   request.refine_lens = options.refine_lens;
   request.uwpinhole = options.uwpinhole;
+  if (options.guided) request.scene.guided.emplace();
   request.scene.bundle.loss = {LossOf(options.loss), options.loss_px};
   StageProgress progress;
   request.progress = [&progress](const std::string& stage, double part) {

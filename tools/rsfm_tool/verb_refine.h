@@ -13,6 +13,7 @@ struct RefineOptions {
   bool refine_port = false;
   bool refine_lens = false;
   bool uwpinhole = false;
+  bool guided = false;
   std::string loss = "cauchy";
   double loss_px = 1.0;
 };
