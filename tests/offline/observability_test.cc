@@ -70,7 +70,7 @@ TEST(ObservabilityTest, SigmasAreThoseOfRepeatedExperiments) {
   const CameraConfig truth = Rig();
   for (int i = 0; i < kExperiments; ++i) {
     const Solved solved = Solve(truth, options, 100 + static_cast<std::uint64_t>(i), false);
-    const auto report = AnalyseObservability(options, {solved.start}, solved.problem);
+    const auto report = AnalyseObservability(options, options, {solved.start}, solved.problem);
     ASSERT_TRUE(report);
     estimates = report->parameters;
     noise += report->noise_px / kExperiments;
@@ -94,12 +94,12 @@ TEST(ObservabilityTest, DistanceGoesWithTheScale) {
   BundleOptions options;
   options.port.distance = true;
   const Solved held = Solve(Rig(), options, 1, false);
-  const auto without = AnalyseObservability(options, {held.start}, held.problem);
+  const auto without = AnalyseObservability(options, options, {held.start}, held.problem);
   ASSERT_TRUE(without);
   EXPECT_GT(without->scale_sigma, 0.02);  // the images do not know it
   EXPECT_GT(std::abs(without->parameters[0].scale_correlation), 0.5);
   const Solved fixed = Solve(Rig(), options, 1, true);
-  const auto with = AnalyseObservability(options, {fixed.start}, fixed.problem);
+  const auto with = AnalyseObservability(options, options, {fixed.start}, fixed.problem);
   ASSERT_TRUE(with);
   EXPECT_LT(with->scale_sigma, 0.01);  // positions do
   EXPECT_LT(std::abs(with->parameters[0].scale_correlation), 0.5);
@@ -107,7 +107,7 @@ TEST(ObservabilityTest, DistanceGoesWithTheScale) {
 
 TEST(ObservabilityTest, NothingRefinedIsAnEmptyList) {
   const Solved solved = Solve(Rig(), {}, 1, false);
-  const auto report = AnalyseObservability({}, {solved.start}, solved.problem);
+  const auto report = AnalyseObservability({}, {}, {solved.start}, solved.problem);
   ASSERT_TRUE(report);
   EXPECT_TRUE(report->parameters.empty());
 }
@@ -121,7 +121,7 @@ TEST(ObservabilityTest, SigmaOfTheBendIsThatOfRepeatedExperiments) {
     BundleOptions options;
     options.loss.type = LossType::kNone;
     const Solved solved = Solve(truth, options, seed, false);
-    const auto report = AnalyseObservability(options, {solved.start}, solved.problem);
+    const auto report = AnalyseObservability(options, options, {solved.start}, solved.problem);
     ASSERT_TRUE(report && report->bend);
     std::vector<Vec3> places;
     Vec3 up = Vec3::Zero();
@@ -146,8 +146,8 @@ TEST(ObservabilityTest, AFreeLensLeavesTheBendOpen) {
   BundleOptions free;
   free.lens.focal = free.lens.distortion = true;
   const Solved known = Solve(Rig(), {}, survey, false), refined = Solve(Rig(), free, survey, false);
-  const auto with = AnalyseObservability({}, {known.start}, known.problem);
-  const auto without = AnalyseObservability(free, {refined.start}, refined.problem);
+  const auto with = AnalyseObservability({}, {}, {known.start}, known.problem);
+  const auto without = AnalyseObservability(free, free, {refined.start}, refined.problem);
   ASSERT_TRUE(without && with && without->bend && with->bend);
   EXPECT_GT(without->bend->sigma_m, 2.0 * with->bend->sigma_m);
 }
@@ -160,7 +160,7 @@ TEST(ObservabilityTest, DoubtsAWrongCameraFile) {
     Solved solved = Solve(truth, {}, 1, true);
     solved.problem.cameras = {file};
     EXPECT_TRUE(AdjustBundle({}, &solved.problem));
-    const auto report = AnalyseObservability({}, {file}, solved.problem);
+    const auto report = AnalyseObservability({}, {}, {file}, solved.problem);
     EXPECT_TRUE(report);
     return *report;
   };

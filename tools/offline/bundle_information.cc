@@ -223,17 +223,10 @@ bool BundleInformation::Factorise() {
   if (factor->poses.info() != Eigen::Success) return false;
   factor_ = factor;
   poses_through_parameters_ = factor_->poses.solve(pose_by_parameter_);
-  MatrixXd reduced =
-      parameters_by_parameters_ - pose_by_parameter_.transpose() * poses_through_parameters_;
-  std::vector<int> free;
-  for (int i = 0; i < num_parameters(); ++i)
-    if (held_.empty() || !held_[i]) free.push_back(i);
-  const auto count = static_cast<Eigen::Index>(free.size());
-  const Eigen::LLT<MatrixXd> parameter_factor(MatrixXd(reduced(free, free)));
+  const Eigen::LLT<MatrixXd> parameter_factor(
+      parameters_by_parameters_ - pose_by_parameter_.transpose() * poses_through_parameters_);
   if (parameter_factor.info() != Eigen::Success) return false;
-  covariance_ = MatrixXd::Zero(num_parameters(), num_parameters());
-  const MatrixXd inverse = parameter_factor.solve(MatrixXd::Identity(count, count));
-  covariance_(free, free) = inverse;
+  covariance_ = parameter_factor.solve(MatrixXd::Identity(num_parameters(), num_parameters()));
   return covariance_.allFinite();
 }
 
@@ -241,9 +234,8 @@ double BundleInformation::Variance(const VectorXd& gradient, VectorXd* correlati
   const VectorXd through = poses_through_parameters_.transpose() * gradient;
   const VectorXd shared = covariance_ * through;
   const double variance = gradient.dot(factor_->poses.solve(gradient)) + through.dot(shared);
-  if (correlation == nullptr) return variance;
-  const Eigen::ArrayXd scale = covariance_.diagonal().array().sqrt() * std::sqrt(variance);
-  *correlation = (scale > 0.0).select(-shared.array() / scale, 0.0);
+  if (correlation != nullptr)
+    *correlation = -shared.array() / (covariance_.diagonal().array().sqrt() * std::sqrt(variance));
   return variance;
 }
 

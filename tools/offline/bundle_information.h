@@ -29,16 +29,12 @@ class BundleInformation {
 
   void AddPriors(const std::vector<PosePrior>& priors);
 
-  // Parameters that count as known: their columns are left out of what follows.
-  void Hold(std::vector<bool> held) { held_ = std::move(held); }
-
   // Factorises what there is. False when the poses or the parameters are not determined.
   bool Factorise();
 
   // After Factorise.
-  const MatrixXd& covariance() const { return covariance_; }  // of the parameters; held ones: 0
-  // Of a function of the poses with this gradient, and its correlation with each parameter (with
-  // held ones 0).
+  const MatrixXd& covariance() const { return covariance_; }  // of the parameters
+  // Of a function of the poses with this gradient, and its correlation with each parameter.
   double Variance(const VectorXd& gradient, VectorXd* correlation = nullptr) const;
   // Column by column each image's share of the gradient by the parameters, poses and points having
   // followed: what the next two are made from.
@@ -85,7 +81,6 @@ class BundleInformation {
   std::vector<AnyCamera> cameras_;
   std::vector<CameraColumns> columns_;
   std::vector<ParameterEstimate> estimates_;
-  std::vector<bool> held_;  // empty: none
   std::vector<int> pose_block_;
   int num_poses_ = 0;
   double noise_px_ = 1.0;

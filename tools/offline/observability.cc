@@ -50,19 +50,29 @@ bool WasHeld(ParameterKind kind, const BundleOptions& options) {
   }
 }
 
-// One step of what was held, all else following.
-void DoubtHeld(const std::vector<int>& held, BundleInformation information,
+// One step of what was held, all else following. With the noise as it was asked, and adjusted to
+// that: what a wrong camera leaves in the errors a loss fitted to them takes for outliers.
+void DoubtHeld(const BundleOptions& asked, BundleProblem solved, bool is_fitted,
                ObservabilityReport* report) {
-  information.Hold({});
-  if (held.empty() || !information.Factorise()) return;
+  if (is_fitted && !AdjustBundle(asked, &solved)) return;
+  BundleOptions freed = asked;
+  freed.lens.focal = true;
+  freed.port.normal = freed.port.center = true;
+  BundleInformation information(freed, solved.cameras, solved);
+  information.AddPriors(HoldFor(asked, solved).priors);
+  if (!information.Factorise()) return;
   const Eigen::MatrixXd pulls = information.PullsOfImages();
   const Eigen::VectorXd step = information.ParameterStep(pulls);
   const Eigen::MatrixXd covariance =
       information.covariance() + information.ClusteredCovariance(pulls);
-  for (const int i : held) {
+  std::vector<int> held;
+  for (int i = 0; i < information.num_parameters(); ++i) {
     const ParameterEstimate& e = information.estimates()[i];
+    if (!WasHeld(e.kind, asked)) continue;
+    held.push_back(i);
     report->held.push_back({e.kind, e.name, e.value, step[i], std::sqrt(covariance(i, i))});
   }
+  if (held.empty()) return;
   const Eigen::VectorXd steps = step(held);
   const double chi_squared = steps.dot(covariance(held, held).llt().solve(steps));
   report->held_sigmas = std::sqrt(chi_squared / static_cast<double>(held.size()));
@@ -78,21 +88,11 @@ std::string Verdict(double sigma, double prior_sigma) {
 }
 
 Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
+                                                   const BundleOptions& asked,
                                                    const std::vector<CameraConfig>& start,
                                                    const BundleProblem& solved) {
   if (start.size() != solved.cameras.size()) return Fail(Errc::kInvalidArgument, "start");
-  // One system of what was refined and of what is doubted; each question holds its part of it.
-  BundleOptions freed = options;
-  freed.lens.focal = true;
-  freed.port.normal = freed.port.center = true;
-  BundleInformation held(freed, start, solved);
-  std::vector<bool> was_held;
-  std::vector<int> doubted, refined;
-  for (int i = 0; i < held.num_parameters(); ++i) {
-    was_held.push_back(WasHeld(held.estimates()[i].kind, options));
-    (was_held.back() ? doubted : refined).push_back(i);
-  }
-  held.Hold(was_held);
+  BundleInformation held(options, start, solved);
   ObservabilityReport report;
   report.noise_px = held.noise_px();
   // The scale set free, but for a hold of 100 % that keeps the system regular.
@@ -111,14 +111,14 @@ Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
   report.bend = EstimateBend(solved, held);
   const Eigen::MatrixXd& covariance = held.covariance();
   const Eigen::MatrixXd clustered = held.ClusteredCovariance(held.PullsOfImages());
-  for (const int i : refined) {
-    ParameterEstimate estimate = held.estimates()[i];
+  report.parameters = held.estimates();
+  for (int i = 0; i < held.num_parameters(); ++i) {
+    ParameterEstimate& estimate = report.parameters[i];
     estimate.sigma = std::sqrt(std::max(covariance(i, i), clustered(i, i)));
     estimate.scale_correlation = with_scale[i];
     estimate.verdict = Verdict(estimate.sigma, estimate.prior_sigma);
-    report.parameters.push_back(std::move(estimate));
   }
-  DoubtHeld(doubted, std::move(held), &report);
+  DoubtHeld(asked, solved, options.sigma_px != asked.sigma_px, &report);
   return report;
 }
 

@@ -57,9 +57,11 @@ struct ObservabilityReport {
   double held_sigmas = 0.0;
 };
 
-// At a solved problem; `start` has the cameras as they were. An empty list where nothing is
-// refined. kDegenerate when the poses themselves are not determined.
+// At a problem solved with `options`, which FitNoise may have made of what was `asked`; `start` has
+// the cameras as they were. An empty list where nothing is refined. kDegenerate when the poses
+// themselves are not determined.
 Expected<ObservabilityReport> AnalyseObservability(const BundleOptions& options,
+                                                   const BundleOptions& asked,
                                                    const std::vector<CameraConfig>& start,
                                                    const BundleProblem& solved);
 

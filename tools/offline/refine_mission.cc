@@ -173,8 +173,8 @@ IoExpected<RefineResult> Refine(const RefineRequest& request) {
   result.scene = std::move(*report);
   result.camera_after = scene.camera;
   if (result.scene.interrupted) return result;
-  const auto observability =
-      AnalyseObservability(result.scene.bundle, {result.camera_before}, ToBundle(scene).problem);
+  const auto observability = AnalyseObservability(result.scene.bundle, options.bundle,
+                                                  {result.camera_before}, ToBundle(scene).problem);
   if (observability) result.observability = *observability;
   DescribeWorld(result.alignment, result.scene.from_scratch, &scene, &loaded->rig.world);
   result.model = ModelFromScene(scene, loaded->rig);

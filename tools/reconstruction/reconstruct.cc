@@ -334,7 +334,7 @@ class Reconstruction {
     solved.sigma_px = model.report.sigma_px;
     solved.loss.scale = model.report.loss_scale;
     const auto observability =
-        AnalyseObservability(solved, {result_.camera_before}, ToBundle(scene_).problem);
+        AnalyseObservability(solved, bundle, {result_.camera_before}, ToBundle(scene_).problem);
     if (observability) model.observability = *observability;
     ColourPoints();
     Rig rig = rig_;
