@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "rsfm/mapping/metric_scale.h"
 #include "rsfm/refraction/sea_water.h"
 
 namespace rsfm {
@@ -264,16 +265,51 @@ void IncrementalMapper::Extend(SlotId keyframe) noexcept {
 }
 
 void IncrementalMapper::AdjustWindow(SlotId keyframe) noexcept {
-  const NavAid* nav = report_.world_is_ned ? &nav_ : nullptr;
-  const auto adjusted = adjuster_.Adjust(&map_, options_.window_keyframes, nav);
+  FindWorld(keyframe);
+  NavAid* nav = report_.world_is_ned ? &nav_ : nullptr;
+  const auto adjusted = adjuster_.Adjust(&map_, nav);
   if (!adjusted) return;
   report_.window_error_px = adjusted->mean_error_px;
   report_.num_culled += grower_.Cull(&map_, adjuster_.window());
+  TakeNewest(keyframe);
+  if (adjuster_.has_left()) report_.left_window = adjuster_.window().front();
+}
+
+// The keyframe's pose is the frame's.
+void IncrementalMapper::TakeNewest(SlotId keyframe) noexcept {
   const Keyframe& newest = map_.keyframe(keyframe);
   report_.camera_from_world = last_camera_from_world_ = newest.camera_from_world;
   report_.covariance = last_covariance_ = newest.covariance;
-  if (adjuster_.window().size() == Count(options_.window_keyframes))
-    report_.left_window = adjuster_.window().front();
+}
+
+// A world without scale or place gets them from navigation as soon as that has them: a jump, which
+// is announced.
+void IncrementalMapper::FindWorld(SlotId keyframe) noexcept {
+  if (!report_.world_is_ned) {
+    const auto world = FindMetricWorld(map_, nav_);
+    if (!world) return;
+    MoveTo(*world, &map_);
+    adjuster_.Reset();
+    report_.scale_is_metric = report_.world_is_ned = true;
+    has_position_ = world->has_position;
+  } else if (!has_position_) {
+    constexpr Utime kReach = 300000;
+    const auto fix = nav_.PositionFactor(0, last_utime_, last_utime_ - kReach, last_utime_ + kReach,
+                                         Vec3::Zero());
+    if (!fix) return;
+    const CarriedBody body(nav_.body_from_camera(), map_.keyframe(keyframe).camera_from_world);
+    Vec3 by_m = fix->measured_m - body.position;
+    Vec3 sigma_m = fix->sqrt_information.diagonal().cwiseInverse();
+    if (nav_.buffer().At(last_utime_).Has(NavField::kDepth)) by_m.z() = sigma_m.z() = 0.0;
+    Translate(by_m, sigma_m, &map_);
+    adjuster_.Translate(by_m, sigma_m);
+    has_position_ = true;
+  } else {
+    return;
+  }
+  ++report_.reset_counter;
+  for (const SlotId id : map_.keyframes()) map_.keyframe(id).reset_counter = report_.reset_counter;
+  TakeNewest(keyframe);
 }
 
 // Keyframes that had no pose may share landmarks with the newest one.
@@ -365,6 +401,7 @@ void IncrementalMapper::PlacePair(const InitialPair& pair) noexcept {
     if (!start) {
       ++report_.reset_counter;
       ForgetPlaced();
+      adjuster_.Reset();
     }
   }
   if (!start) {
@@ -374,6 +411,7 @@ void IncrementalMapper::PlacePair(const InitialPair& pair) noexcept {
     start = nav_.CameraFromNed(first.nav);
     report_.world_is_ned = start.has_value() && pair.is_metric;
     if (!report_.world_is_ned) start = Rigid3();
+    has_position_ = report_.world_is_ned && first.nav.Has(NavField::kPosition);
   }
   first.camera_from_world = *start;
   first.covariance = covariance;

@@ -83,6 +83,8 @@ class IncrementalMapper {
   const NavAid& nav() const { return nav_; }
   const Map& map() const { return map_; }
   Map& map() { return map_; }  // for the owner to clear Landmark::is_changed
+  // What is known of the navigation sensors' errors, and how well.
+  const WindowAdjuster& adjuster() const { return adjuster_; }
   MapperState state() const { return report_.state; }
   // After Step: the water that this frame was seen through.
   const WaterInUse& water() const { return water_; }
@@ -108,6 +110,8 @@ class IncrementalMapper {
   void Extend(SlotId keyframe) noexcept;
   void PlaceWaiting(SlotId newest) noexcept;
   void AdjustWindow(SlotId keyframe) noexcept;
+  void FindWorld(SlotId keyframe) noexcept;
+  void TakeNewest(SlotId keyframe) noexcept;
   void CoastOn(Utime utime) noexcept;
   void Evict() noexcept;
   std::optional<Rigid3> Predict(Utime utime, Mat6* covariance) const noexcept;
@@ -129,6 +133,7 @@ class IncrementalMapper {
   std::int32_t next_keyframe_id_ = 0;
   Utime last_utime_ = 0;
   bool has_world_ = false;
+  bool has_position_ = false;  // a fix says where the world is
   Utime last_placed_utime_ = 0;
   Rigid3 last_camera_from_world_;
   Mat6 last_covariance_ = Mat6::Zero();

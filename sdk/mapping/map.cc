@@ -137,6 +137,8 @@ void Map::Merge(SlotId from, SlotId into) {
   const Landmark* source = landmarks_.Find(from);
   if (source == nullptr || !landmarks_.Contains(into) || from == into) return;
   const auto observations = source->observations;
+  Landmark* target = landmarks_.Find(into);
+  target->fresh_from = std::max(target->fresh_from, source->fresh_from);
   EraseLandmark(from);
   for (const Observation& observation : observations)
     Observe(into, observation.keyframe, observation.feature);

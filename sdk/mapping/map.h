@@ -26,6 +26,8 @@ struct Landmark {
   std::int32_t id = -1;  // counts up from 0, never reused
   Vec3 point_in_world = Vec3::Zero();
   StaticVector<Observation, kMaxObservations> observations;  // oldest first, one per keyframe
+  // Observations of keyframes before this one (by id) are summed up in the window's prior.
+  std::int32_t fresh_from = 0;
   std::uint8_t r = 128, g = 128, b = 128;
   bool is_changed = true;  // new or moved since the owner last cleared this
 };

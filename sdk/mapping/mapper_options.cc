@@ -78,6 +78,13 @@ Status MapperOptions::Validate() const noexcept {
       {"position_sigma_m", position_sigma_m, 1e-4, 1e6},
       {"attitude_sigma_deg", attitude_sigma_deg, 1e-3, 180},
       {"velocity_sigma_mps", velocity_sigma_mps, 1e-4, 100},
+      {"altitude_sigma_m", altitude_sigma_m, 1e-4, 100},
+      {"heading_bias_sigma_deg", heading_bias_sigma_deg, 0, 180},
+      {"heading_drift_deg", heading_drift_deg, 0, 180},
+      {"velocity_scale_sigma", velocity_scale_sigma, 0, 0.5},
+      {"misalignment_sigma_deg", misalignment_sigma_deg, 0, 30},
+      {"velocity_lever_sigma_m", velocity_lever_sigma_m, 0, 10},
+      {"clock_sigma_s", clock_sigma_s, 0, 1},
   };
   for (const Range& range : ranges) {
     if (!(range.value >= range.low && range.value <= range.high))

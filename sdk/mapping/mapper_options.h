@@ -81,6 +81,15 @@ struct MapperOptions {
   double position_sigma_m = 1.0;
   double attitude_sigma_deg = 1.0;
   double velocity_sigma_mps = 0.02;
+  double altitude_sigma_m = 0.05;
+  // What is not known of the sensors: one standard deviation at the start, and how far the heading
+  // wanders in ten minutes.
+  double heading_bias_sigma_deg = 2.0;
+  double heading_drift_deg = 1.0;
+  double velocity_scale_sigma = 0.005;
+  double misalignment_sigma_deg = 0.3;
+  double velocity_lever_sigma_m = 0.02;
+  double clock_sigma_s = 0.05;
 
   // kInvalidArgument; `where` is the option's name.
   Status Validate() const noexcept;
@@ -127,6 +136,13 @@ void ForEachOption(Options& o, F&& f) {
   f("position_sigma_m", o.position_sigma_m);
   f("attitude_sigma_deg", o.attitude_sigma_deg);
   f("velocity_sigma_mps", o.velocity_sigma_mps);
+  f("altitude_sigma_m", o.altitude_sigma_m);
+  f("heading_bias_sigma_deg", o.heading_bias_sigma_deg);
+  f("heading_drift_deg", o.heading_drift_deg);
+  f("velocity_scale_sigma", o.velocity_scale_sigma);
+  f("misalignment_sigma_deg", o.misalignment_sigma_deg);
+  f("velocity_lever_sigma_m", o.velocity_lever_sigma_m);
+  f("clock_sigma_s", o.clock_sigma_s);
 }
 
 }  // namespace rsfm

@@ -1,5 +1,6 @@
 #include "rsfm/mapping/nav_aid.h"
 
+#include <Eigen/Cholesky>
 #include <cmath>
 #include <numbers>
 
@@ -20,14 +21,15 @@ NavSample Defaults(const MapperOptions& options) {
       Vec3::Constant(options.attitude_sigma_deg * std::numbers::pi / 180.0);
   defaults.sigma_velocity_mps = Vec3::Constant(options.velocity_sigma_mps);
   defaults.sigma_depth_m = options.depth_sigma_m;
+  defaults.sigma_altitude_m = options.altitude_sigma_m;
   return defaults;
 }
 
-std::optional<PosePrior> Robust(Expected<PosePrior> prior) {
-  if (!prior) return std::nullopt;
-  prior->loss = {LossType::kHuber, 3.0};
-  return *prior;
-}
+constexpr RobustLoss kHuber{LossType::kHuber, 3.0};    // noise with a heavy tail
+constexpr RobustLoss kCauchy{LossType::kCauchy, 3.0};  // a sensor may stick or jump altogether
+constexpr double kVerticalPart = 0.005;  // of a displacement: what roll and pitch are off by
+
+Mat3 InverseOf(const Vec3& sigma) { return sigma.cwiseInverse().asDiagonal(); }
 
 }  // namespace
 
@@ -83,7 +85,7 @@ std::optional<CameraMotion> NavAid::Motion(Utime start, Utime end) const noexcep
   motion.displacement_covariance_m2 =
       start_from_ned * body->covariance_m2 * start_from_ned.transpose();
   const Vec3 sigma = defaults_.sigma_attitude_rad;
-  motion.rotation_covariance_rad2 = sigma.cwiseAbs2().asDiagonal();
+  motion.rotation_covariance_rad2 = (2.0 * sigma.cwiseAbs2()).asDiagonal();  // of two attitudes
   return motion;
 }
 
@@ -94,36 +96,79 @@ std::optional<Rigid3> NavAid::CameraFromNed(const NavSample& sample) const noexc
   return rsfm::CameraFromNed({sample.ned_from_body, position}, body_from_camera_);
 }
 
-std::optional<PosePrior> NavAid::PositionPrior(int keyframe,
-                                               const NavSample& sample) const noexcept {
-  if (!sample.Has(NavField::kPosition)) return std::nullopt;
-  return Robust(MakePositionPrior(keyframe, body_from_camera_, sample.position_ned_m,
-                                  StatedOr(sample.sigma_position_m, defaults_.sigma_position_m)));
-}
-
-std::optional<PosePrior> NavAid::AttitudePrior(int keyframe,
-                                               const NavSample& sample) const noexcept {
+std::optional<NavFactor> NavAid::AttitudeFactor(int keyframe, const NavSample& sample,
+                                                const Vec3& rate_radps) const noexcept {
   if (!sample.Has(NavField::kAttitude)) return std::nullopt;
-  return Robust(
-      MakeAttitudePrior(keyframe, body_from_camera_, sample.ned_from_body,
-                        StatedOr(sample.sigma_attitude_rad, defaults_.sigma_attitude_rad)));
+  NavFactor factor;
+  factor.kind = NavFactorKind::kAttitude;
+  factor.a = keyframe;
+  factor.body_from_camera = body_from_camera_;
+  factor.ned_from_body = sample.ned_from_body;
+  factor.rate_radps = rate_radps;
+  factor.sqrt_information =
+      InverseOf(StatedOr(sample.sigma_attitude_rad, defaults_.sigma_attitude_rad));
+  factor.loss = kHuber;
+  return factor;
 }
 
-std::optional<PosePrior> NavAid::DepthPrior(int keyframe, const NavSample& sample) const noexcept {
+std::optional<NavFactor> NavAid::DepthFactor(int keyframe, const NavSample& sample,
+                                             const Vec3& velocity_mps) const noexcept {
   if (!sample.Has(NavField::kDepth)) return std::nullopt;
-  return Robust(MakeDepthPrior(keyframe, body_from_camera_, sample.depth_m,
-                               StatedOr(sample.sigma_depth_m, defaults_.sigma_depth_m)));
+  NavFactor factor;
+  factor.kind = NavFactorKind::kDepth;
+  factor.a = keyframe;
+  factor.body_from_camera = body_from_camera_;
+  factor.measured_m.z() = sample.depth_m;
+  factor.velocity_mps = velocity_mps;
+  factor.sqrt_information(0, 0) = 1.0 / StatedOr(sample.sigma_depth_m, defaults_.sigma_depth_m);
+  factor.loss = kCauchy;
+  return factor;
 }
 
-std::optional<PosePrior> NavAid::DisplacementPrior(int a, int b, Utime start,
-                                                   Utime end) const noexcept {
-  const auto motion = buffer_.DeadReckon(start, end, defaults_);
-  if (!motion) return std::nullopt;
-  const Mat3 body_from_ned = motion->ned_from_body_start.conjugate().toRotationMatrix();
-  const Mat3 covariance = body_from_ned * motion->covariance_m2 * body_from_ned.transpose();
-  return Robust(MakeDisplacementPrior(a, b, body_from_camera_,
-                                      body_from_ned * motion->displacement_ned_m,
-                                      covariance.diagonal().cwiseSqrt().cwiseMax(1e-4)));
+std::optional<NavFactor> NavAid::DisplacementFactor(int a, int b, Utime start,
+                                                    Utime end) const noexcept {
+  const auto sums = buffer_.IntegrateVelocity(start, end, defaults_);
+  if (!sums) return std::nullopt;
+  NavFactor factor;
+  factor.kind = NavFactorKind::kDisplacement;
+  factor.a = a;
+  factor.b = b;
+  factor.body_from_camera = body_from_camera_;
+  factor.measured_m = sums->displacement_ned_m;
+  factor.by_misalignment = sums->by_misalignment;
+  factor.turned = sums->turned;
+  factor.velocity_mps = sums->velocity_change_mps;
+  Mat3 covariance = sums->covariance_m2 + 1e-8 * Mat3::Identity();
+  const double vertical = kVerticalPart * sums->displacement_ned_m.norm();
+  covariance(2, 2) += vertical * vertical;
+  const Eigen::LLT<Mat3> cholesky(covariance);
+  if (cholesky.info() != Eigen::Success) return std::nullopt;
+  factor.sqrt_information = cholesky.matrixL().solve(Mat3::Identity());
+  factor.loss = kCauchy;
+  return factor;
+}
+
+std::optional<NavFactor> NavAid::PositionFactor(int keyframe, Utime utime, Utime begin, Utime end,
+                                                const Vec3& velocity_mps) const noexcept {
+  NavFactor factor;
+  double nearest_s = -1.0;
+  Vec3 sigma = Vec3::Zero();
+  buffer_.ForEachPosition(begin, end, [&](Utime at, const Vec3& position, const Vec3& stated) {
+    const double later_s = SecondsFromUs(at - utime);
+    if (nearest_s >= 0.0 && std::abs(later_s) >= nearest_s) return;
+    nearest_s = std::abs(later_s);
+    factor.measured_m = position - later_s * velocity_mps;
+    sigma = StatedOr(stated, defaults_.sigma_position_m) +
+            Vec3::Constant(0.1 * velocity_mps.norm() * nearest_s);
+  });
+  if (nearest_s < 0.0) return std::nullopt;
+  factor.kind = NavFactorKind::kPosition;
+  factor.a = keyframe;
+  factor.body_from_camera = body_from_camera_;
+  factor.velocity_mps = velocity_mps;
+  factor.sqrt_information = InverseOf(sigma);
+  factor.loss = kCauchy;
+  return factor;
 }
 
 }  // namespace rsfm

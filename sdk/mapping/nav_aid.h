@@ -1,11 +1,11 @@
 // What navigation contributes to mapping: where the camera should be, how far it has moved, and
-// priors for bundle adjustment.
+// factors for window adjustment.
 #pragma once
 
 #include <optional>
 
 #include "rsfm/base/rigid3.h"
-#include "rsfm/estimation/pose_prior.h"
+#include "rsfm/estimation/nav_factor.h"
 #include "rsfm/mapping/mapper_options.h"
 #include "rsfm/navigation/nav_buffer.h"
 
@@ -38,16 +38,19 @@ class NavAid {
   // depth) where the sample has none. Nothing without an attitude.
   std::optional<Rigid3> CameraFromNed(const NavSample& sample) const noexcept;
 
-  // Position, attitude and depth of one keyframe, as far as the sample has them; each call of
-  // f(const PosePrior&) is one prior.
-  template <class F>
-  void ForEachPrior(int keyframe, const NavSample& sample, F&& f) const {
-    if (const auto p = PositionPrior(keyframe, sample)) f(*p);
-    if (const auto p = AttitudePrior(keyframe, sample)) f(*p);
-    if (const auto p = DepthPrior(keyframe, sample)) f(*p);
-  }
-  // The displacement between two keyframes, when velocity and attitude give it.
-  std::optional<PosePrior> DisplacementPrior(int a, int b, Utime start, Utime end) const noexcept;
+  // Factors for window adjustment, as far as there are measurements; robust where the sensor may be
+  // wrong for once. `rate_radps` and `velocity_mps` are the body's about and along the world's
+  // axes, as the window has them: the clock's lever.
+  std::optional<NavFactor> AttitudeFactor(int keyframe, const NavSample& sample,
+                                          const Vec3& rate_radps) const noexcept;
+  std::optional<NavFactor> DepthFactor(int keyframe, const NavSample& sample,
+                                       const Vec3& velocity_mps) const noexcept;
+  // Of the body between two keyframes, a before b.
+  std::optional<NavFactor> DisplacementFactor(int a, int b, Utime start, Utime end) const noexcept;
+  // The position nearest to the keyframe's time among those at begin <= time < end, moved to that
+  // time along `velocity_mps`.
+  std::optional<NavFactor> PositionFactor(int keyframe, Utime utime, Utime begin, Utime end,
+                                          const Vec3& velocity_mps) const noexcept;
 
   // What is used where a sample does not state its own sigmas.
   const NavSample& defaults() const { return defaults_; }
@@ -57,9 +60,6 @@ class NavAid {
  private:
   NavAid(const MapperOptions& options, const Rigid3& body_from_camera, NavBuffer buffer);
   std::optional<NavMotion> BodyMotion(Utime start, Utime end) const noexcept;
-  std::optional<PosePrior> PositionPrior(int keyframe, const NavSample& sample) const noexcept;
-  std::optional<PosePrior> AttitudePrior(int keyframe, const NavSample& sample) const noexcept;
-  std::optional<PosePrior> DepthPrior(int keyframe, const NavSample& sample) const noexcept;
 
   Rigid3 body_from_camera_;
   NavSample defaults_;

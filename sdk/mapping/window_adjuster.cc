@@ -1,14 +1,38 @@
 #include "rsfm/mapping/window_adjuster.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 
 namespace rsfm {
 namespace {
 
-constexpr int kMaxFixedKeyframes = 24;
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kMeanObservations = 8.0;  // of a landmark in a window: sizes the memory
+constexpr double kMaxFirstTurn = 0.01, kMaxFirstMove = 0.05;  // rad, m: of a first estimate
+constexpr double kTenMinutes = 600.0;
+constexpr int kMinAnchored = 20;  // observations, for old keyframes to hold the window
+constexpr RobustLoss kImageLoss{LossType::kHuber, 1.0};
 
-std::size_t Count(int value) { return static_cast<std::size_t>(value); }
+std::size_t Count(int value) { return static_cast<std::size_t>(std::max(value, 0)); }
+
+NavStates Sigmas(const MapperOptions& options) {
+  NavStates sigmas = NavStates::Zero();
+  sigmas[kHeadingBias] = options.heading_bias_sigma_deg * kRadPerDeg;
+  sigmas[kVelocityScale] = options.velocity_scale_sigma;
+  sigmas.segment<3>(kMisalignment).setConstant(options.misalignment_sigma_deg * kRadPerDeg);
+  sigmas[kClockOffset] = options.clock_sigma_s;
+  sigmas.segment<3>(kVelocityLever).setConstant(options.velocity_lever_sigma_m);
+  return sigmas;
+}
+
+// Of the random walk, a second long.
+NavStates DriftVariances(const MapperOptions& options) {
+  NavStates variances = NavStates::Zero();
+  const double drift = options.heading_drift_deg * kRadPerDeg;
+  variances[kHeadingBias] = drift * drift / kTenMinutes;
+  return variances;
+}
 
 }  // namespace
 
@@ -16,124 +40,152 @@ WindowAdjuster::WindowAdjuster(const MapperOptions& options, const AnyCamera& ca
     : options_(options),
       camera_(camera),
       ba_(std::move(ba)),
-      window_(Count(options.window_keyframes)),
+      prior_(MaxWindow(options)),
+      prior_keyframes_(Count(MaxWindow(options))),
+      prior_index_(Count(MaxWindow(options))),
+      window_(Count(MaxWindow(options))),
+      motions_(Count(MaxWindow(options))),
       landmarks_(Count(options.window_landmarks)),
       index_of_(Count(options.max_keyframes)),
-      added_(Count(options.max_landmarks)) {
+      landmark_index_(Count(options.max_landmarks)) {
   index_of_.TryResize(index_of_.capacity());
-  added_.TryResize(added_.capacity());
+  landmark_index_.TryResize(landmark_index_.capacity());
+  Reset();
 }
 
 Expected<WindowAdjuster> WindowAdjuster::Create(const MapperOptions& options,
                                                 const AnyCamera& camera) {
   WindowBaCapacity capacity;
-  capacity.keyframes = options.window_keyframes + kMaxFixedKeyframes;
+  capacity.keyframes = MaxWindow(options) + kMaxAnchors;
   capacity.landmarks = options.window_landmarks;
   capacity.observations = static_cast<int>(kMeanObservations * options.window_landmarks);
-  capacity.priors = 4 * options.window_keyframes;
+  capacity.priors = MaxWindow(options) + 2;
+  capacity.nav_factors = 4 * MaxWindow(options);
   auto ba = WindowBa::Create(capacity);
   if (!ba) return tl::unexpected(ba.error());
   return WindowAdjuster(options, camera, std::move(*ba));
 }
 
-void WindowAdjuster::SelectWindow(const Map& map, int count) noexcept {
+std::size_t WindowAdjuster::bytes() const {
+  return ba_.bytes() + prior_.bytes() + landmarks_.bytes() + landmark_index_.bytes();
+}
+
+void WindowAdjuster::Reset() noexcept {
+  prior_.Clear();
+  prior_keyframes_.clear();
   window_.clear();
-  const std::span<const SlotId> keyframes = map.keyframes();
-  std::size_t first = keyframes.size();
-  for (int found = 0; first > 0 && found < count && Count(found) < window_.capacity();) {
-    --first;
-    if (map.keyframe(keyframes[first]).is_placed) ++found;
-  }
-  for (std::size_t i = first; i < keyframes.size(); ++i) {
-    if (map.keyframe(keyframes[i]).is_placed) window_.TryPushBack(keyframes[i]);
-  }
+  states_.setZero();
+  state_covariance_.setZero();
+  base_covariance_.setZero();
+  first_id_ = 0;
+  gauge_ = gauge_second_ = {};
+  positions_from_ = 0;
+  has_left_ = has_left_before_ = false;
+  num_gated_in_row_ = 0;
 }
 
-// The keyframe's index in the problem; one outside the window joins it as fixed. -1 when full.
-int WindowAdjuster::BaIndexOf(const Map& map, SlotId keyframe) noexcept {
-  int& index = index_of_[keyframe.index];
-  if (index >= 0 || num_fixed_ >= kMaxFixedKeyframes) return index;
-  const Keyframe& seen_from = map.keyframe(keyframe);
-  if (!seen_from.is_placed) return -1;
-  const auto added = ba_.AddKeyframe(seen_from.camera_from_world, 0, true);
-  if (!added) return -1;
-  ++num_fixed_;
-  if (!newest_fixed_.valid() || map.keyframe(newest_fixed_).id < seen_from.id)
-    newest_fixed_ = keyframe;
-  return index = *added;
+void WindowAdjuster::Translate(const Vec3& by_m, const Vec3& sigma_m) noexcept {
+  prior_.Translate(by_m);
+  gauge_place_.measured.translation += by_m;
+  base_from_world_.translation -= base_from_world_.rotation * by_m;
+  for (int axis = 0; axis < 3; ++axis)
+    if (prior_.num_keyframes() > 0 && sigma_m[axis] > 0.0)
+      prior_.AddTranslationNoise(Vec3::Unit(axis), sigma_m[axis] * sigma_m[axis]);
 }
 
-// Newest keyframe first, so that what is seen now is in when the capacity ends.
-void WindowAdjuster::AddLandmarks(const Map& map, int min_observations) noexcept {
-  for (std::size_t k = window_.size(); k-- > 0;) {
-    for (const SlotId id : map.landmarks_of(window_[k])) {
-      const Landmark* landmark = map.landmarks().Find(id);
-      if (landmark == nullptr || added_[id.index] || landmarks_.full()) continue;
-      if (static_cast<int>(landmark->observations.size()) < min_observations) continue;
-      const auto index = ba_.AddLandmark(landmark->point_in_world);
-      if (!index) return;
-      added_[id.index] = 1;
-      landmarks_.TryPushBack(id);
-      for (const Observation& o : landmark->observations) {
-        const int keyframe = BaIndexOf(map, o.keyframe);
-        if (keyframe < 0) continue;
-        const Vec2 pixel = map.features(o.keyframe)[Count(o.feature)].pixel();
-        if (!ba_.AddObservation(keyframe, *index, pixel, options_.pixel_sigma)) return;
-      }
-    }
+// The newest placed keyframes. Those that the prior knows are in; of others that were placed late
+// the oldest stay out when there are too many.
+void WindowAdjuster::SelectWindow(const Map& map) noexcept {
+  for (const SlotId id : prior_keyframes_) {
+    if (!map.Contains(id)) Reset();  // evicted before it left: what the prior knew is void
   }
-}
-
-void WindowAdjuster::AddPriors(const Map& map, const NavAid& nav) noexcept {
-  const auto add = [&](const PosePrior& prior) { static_cast<void>(ba_.AddPrior(prior)); };
-  for (std::size_t k = 0; k < window_.size(); ++k) {
-    const Keyframe& keyframe = map.keyframe(window_[k]);
-    nav.ForEachPrior(static_cast<int>(k), keyframe.nav, add);
-    if (k == 0) continue;
-    const auto displacement =
-        nav.DisplacementPrior(static_cast<int>(k) - 1, static_cast<int>(k),
-                              map.keyframe(window_[k - 1]).utime, keyframe.utime);
-    if (displacement) add(*displacement);
+  const auto is_known = [&](SlotId id) {
+    return std::find(prior_keyframes_.begin(), prior_keyframes_.end(), id) !=
+           prior_keyframes_.end();
+  };
+  std::size_t num_others = 0;
+  for (const SlotId id : map.keyframes()) {
+    const Keyframe& keyframe = map.keyframe(id);
+    num_others += keyframe.is_placed && keyframe.id >= first_id_ && !is_known(id);
+  }
+  const std::size_t limit =
+      prior_keyframes_.empty() ? Count(options_.window_keyframes) : window_.capacity();
+  const std::size_t room = limit - std::min(limit, prior_keyframes_.size());
+  window_.clear();
+  for (const SlotId id : map.keyframes()) {
+    const Keyframe& keyframe = map.keyframe(id);
+    if (!keyframe.is_placed || keyframe.id < first_id_) continue;
+    if (!is_known(id) && num_others-- > room) continue;
+    window_.TryPushBack(id);
   }
 }
 
-Expected<WindowBaReport> WindowAdjuster::Adjust(Map* map, int count, const NavAid* nav) noexcept {
-  SelectWindow(*map, count);
+// A world begins: where the first keyframe is says where everything is. What is measured there
+// (depth, a fix, the attitude) is left to its factors.
+void WindowAdjuster::StartPrior(const Map& map, const NavAid* nav) noexcept {
+  if (nav != nullptr && !prior_.has_states) {
+    prior_.StartWithStates(states_, Sigmas(options_));
+    prior_keyframes_.clear();
+  }
+  if (prior_.num_keyframes() > 0 || map.Contains(gauge_)) return;
+  const Keyframe& first = map.keyframe(window_[0]);
+  gauge_ = window_[0];
+  gauge_second_ = window_[1];
+  Mat6 covariance = 1e-8 * Mat6::Identity();
+  Rigid3 body_from_camera;
+  if (nav != nullptr) {
+    constexpr double kUnknown = 1e3;
+    const NavSample sample = nav->buffer().At(first.utime);
+    covariance = 1e-6 * Mat6::Identity();
+    covariance.topLeftCorner<3, 3>() = Mat3::Identity();
+    if (sample.Has(NavField::kPosition)) covariance(3, 3) = covariance(4, 4) = kUnknown * kUnknown;
+    if (sample.Has(NavField::kPosition) || sample.Has(NavField::kDepth))
+      covariance(5, 5) = kUnknown * kUnknown;
+    body_from_camera = nav->body_from_camera();
+  }
+  const Rigid3 world_from_body = first.camera_from_world.Inverse() * body_from_camera.Inverse();
+  if (const auto place = MakePosePrior(0, body_from_camera, world_from_body, covariance))
+    gauge_place_ = *place;
+  has_gauge_length_ = false;
+  if (nav != nullptr) return;
+  const double length = (map.keyframe(gauge_second_).camera_from_world.OriginOfTarget() -
+                         first.camera_from_world.OriginOfTarget())
+                            .norm();
+  if (const auto prior = MakeBaselinePrior(0, 1, Rigid3(), length, 1e-3 * length)) {
+    gauge_length_ = *prior;
+    has_gauge_length_ = true;
+  }
+}
+
+Expected<WindowBaReport> WindowAdjuster::Adjust(Map* map, NavAid* nav) noexcept {
+  has_left_ = false;
+  SelectWindow(*map);
   if (window_.size() < 2) return Fail(Errc::kNotEnoughData, "window");
-  ba_.Clear();
-  landmarks_.clear();
-  std::fill(index_of_.begin(), index_of_.end(), -1);
-  std::fill(added_.begin(), added_.end(), std::uint8_t{0});
-  newest_fixed_ = {};
-  num_fixed_ = 0;
-  bool has_absolute = false;
-  for (const SlotId id : window_) has_absolute |= map->keyframe(id).nav.Has(NavField::kPosition);
-  has_absolute = has_absolute && nav != nullptr;
-  // Without anything older or absolute to hold it, the window's own first pose is the anchor.
-  const bool is_whole_map =
-      !std::any_of(map->keyframes().begin(), map->keyframes().end(), [&](SlotId id) {
-        return map->keyframe(id).is_placed && map->keyframe(id).id < map->keyframe(window_[0]).id;
-      });
-  for (std::size_t k = 0; k < window_.size(); ++k) {
-    const bool fixed = k == 0 && is_whole_map && !has_absolute;
-    const auto index = ba_.AddKeyframe(map->keyframe(window_[k]).camera_from_world, 0, fixed);
-    if (!index) return tl::unexpected(index.error());
-    index_of_[window_[k].index] = *index;
-  }
+  StartPrior(*map, nav);
+  MeasureMotion(*map, nav);
+  if (const Status status = AddKeyframes(*map, false); !status)
+    return tl::unexpected(status.error());
   AddLandmarks(*map, 3);
   AddLandmarks(*map, 2);
-  if (nav != nullptr) AddPriors(*map, *nav);
-
+  for (int k = 0; k < static_cast<int>(window_.size()); ++k) {
+    AddGauge(k);
+    if (nav == nullptr) continue;
+    AddNav(*map, *nav, k);
+    AddAltitude(*map, *nav, k);
+  }
+  AddLinks(*map, nav);
   WindowBaOptions options;
+  options.loss = kImageLoss;
   options.max_iterations = options_.window_iterations;
   options.function_tolerance = 1e-5;
   const auto report = ba_.Solve(std::span(&camera_, 1), options);
   if (!report) return tl::unexpected(report.error());
-  WriteBack(map);
+  WriteBack(map, nav != nullptr);
+  if (window_.size() >= Count(options_.window_keyframes)) Leave(map, nav);
   return *report;
 }
 
-void WindowAdjuster::WriteBack(Map* map) noexcept {
+void WindowAdjuster::WriteBack(Map* map, bool has_nav) noexcept {
   for (std::size_t k = 0; k < window_.size(); ++k) {
     Keyframe& keyframe = map->keyframe(window_[k]);
     keyframe.camera_from_world = ba_.camera_from_world(static_cast<int>(k));
@@ -144,17 +196,57 @@ void WindowAdjuster::WriteBack(Map* map) noexcept {
     landmark->is_changed |= point != landmark->point_in_world;
     landmark->point_in_world = point;
   }
-  // The newest keyframe's uncertainty: its own given what is held, and that of what holds it.
+  if (has_nav) {
+    states_ = ba_.nav_states();
+    if (const auto covariance = ba_.NavStateCovariance()) state_covariance_ = *covariance;
+  }
+  // Where old keyframes hold the window, it is as uncertain as they are and what comes on top.
+  if (num_anchored_ >= kMinAnchored && map->Contains(anchor_)) {
+    base_covariance_ = map->keyframe(anchor_).covariance;
+    base_from_world_ = map->keyframe(anchor_).camera_from_world;
+  }
   Keyframe& newest = map->keyframe(window_.back());
   const auto covariance = ba_.PoseCovariance(static_cast<int>(window_.size()) - 1);
   if (!covariance) return;
-  Mat6 held = Mat6::Zero();
-  if (newest_fixed_.valid()) {
-    const Keyframe& holder = map->keyframe(newest_fixed_);
-    const Mat6 adjoint = AdjointSe3(newest.camera_from_world * holder.camera_from_world.Inverse());
-    held = adjoint * holder.covariance * adjoint.transpose();
+  const Mat6 adjoint = AdjointSe3(newest.camera_from_world * base_from_world_.Inverse());
+  newest.covariance = *covariance + adjoint * base_covariance_ * adjoint.transpose();
+  const Mat3 world_from_camera = newest.camera_from_world.rotation.toRotationMatrix().transpose();
+  position_covariance_ = world_from_camera * newest.covariance.bottomRightCorner<3, 3>() *
+                         world_from_camera.transpose();
+}
+
+// The oldest keyframe leaves: everything that speaks of it goes into the prior.
+void WindowAdjuster::Leave(Map* map, NavAid* nav) noexcept {
+  CountOutliers(*map, nav);  // while the positions' gate is as it was for this window
+  // A first estimate that nothing depends on yet, or that has become a bad one, is taken anew.
+  for (int i = 0; i < prior_.num_keyframes(); ++i) {
+    const Rigid3& now = map->keyframe(prior_keyframes_[Count(i)]).camera_from_world;
+    const Vec6 moved = PoseDifference(now, prior_.first_estimates[Count(i)], nullptr);
+    if (prior_.information.Block(i, i).isZero(0.0) || moved.head<3>().norm() > kMaxFirstTurn ||
+        moved.tail<3>().norm() > kMaxFirstMove)
+      prior_.Rebase(i, now);
   }
-  newest.covariance = *covariance + held;
+  if (!AddKeyframes(*map, true)) return;
+  AddLeavingLandmarks(map);
+  AddGauge(0);
+  if (nav != nullptr) {
+    AddNav(*map, *nav, 0);
+    AddDisplacement(*map, *nav, 1);
+    AddAltitude(*map, *nav, 0);
+  }
+  if (!ba_.Marginalise(std::span(&camera_, 1), kImageLoss, 1, &prior_)) return;
+  const Keyframe& gone = map->keyframe(window_[0]);
+  const Keyframe& first = map->keyframe(window_[1]);
+  prior_keyframes_.clear();
+  for (std::size_t k = 1; k < window_.size(); ++k) prior_keyframes_.TryPushBack(window_[k]);
+  first_id_ = first.id;
+  positions_from_ = (gone.utime + first.utime) / 2;
+  const double seconds = SecondsFromUs(first.utime - gone.utime);
+  if (nav != nullptr) {
+    prior_.AddNoise(seconds * DriftVariances(options_));
+    nav->buffer().SetHorizon(gone.utime);
+  }
+  has_left_ = has_left_before_ = true;
 }
 
 }  // namespace rsfm

@@ -1,5 +1,11 @@
-// Window bundle adjustment over the map: the newest keyframes and the landmarks they see move;
-// older keyframes that see the same landmarks hold them; navigation weighs in.
+// Window adjustment over the map: the newest keyframes, the landmarks they see, navigation and the
+// errors of its sensors move together; what leaves the window is kept as a prior on the rest.
+//
+// A keyframe leaves with every landmark that the newest ones no longer see (and all its
+// observations), its own navigation, and the displacement to the next (window_ba.h, Marginalise).
+// Of landmarks that are still seen its observations are dropped: information is lost there, none is
+// counted twice. Where the same landmarks come into view again much later, the old keyframes hold
+// them in place, and the window's uncertainty is counted from theirs.
 #pragma once
 
 #include "rsfm/estimation/window_ba.h"
@@ -16,31 +22,87 @@ class WindowAdjuster {
   // The same camera in other water; allocates nothing.
   void SetCamera(const AnyCamera& camera) noexcept { camera_ = camera; }
 
-  // Adjusts the newest `count` placed keyframes. `nav` is null where the world is not NED. On error
-  // the map is as it was.
-  Expected<WindowBaReport> Adjust(Map* map, int count, const NavAid* nav) noexcept;
+  // Forgets the windows before: a new world begins.
+  void Reset() noexcept;
+  // The owner has moved the world, and knows its place only to these sigmas more.
+  void Translate(const Vec3& by_m, const Vec3& sigma_m) noexcept;
+
+  // Adjusts the newest placed keyframes, at most window_keyframes; once there are as many, the
+  // oldest leaves. `nav` is null where the world is not NED. On error the map is as it was.
+  Expected<WindowBaReport> Adjust(Map* map, NavAid* nav) noexcept;
 
   // The keyframes that moved in the last Adjust, oldest first.
   std::span<const SlotId> window() const { return window_.span(); }
-  std::size_t bytes() const { return ba_.bytes() + landmarks_.bytes(); }
+  // The first of them has left; it will not be moved again.
+  bool has_left() const { return has_left_; }
+  // What is known of the sensors' errors; zero where the world is not NED.
+  const NavStates& nav_states() const { return states_; }
+  const Mat6& nav_state_covariance() const { return state_covariance_; }
+  // Measurements that disagree with the rest by more than five sigmas, of keyframes that have left.
+  int num_nav_outliers() const { return num_nav_outliers_; }
+  std::size_t bytes() const;
 
  private:
+  struct Motion {  // of one keyframe's body, along and about the world's axes
+    Vec3 velocity_mps = Vec3::Zero(), rate_radps = Vec3::Zero();
+  };
+  enum class Use : std::uint8_t { kNone, kFree, kAnchor };  // of an observation
+  static constexpr int kMaxAnchors = 24;                    // old keyframes in one adjustment
+  static int MaxWindow(const MapperOptions& options) { return options.window_keyframes + 4; }
+
   WindowAdjuster(const MapperOptions& options, const AnyCamera& camera, WindowBa ba);
-  void SelectWindow(const Map& map, int count) noexcept;
+  void SelectWindow(const Map& map) noexcept;
+  void StartPrior(const Map& map, const NavAid* nav) noexcept;
+  void MeasureMotion(const Map& map, const NavAid* nav) noexcept;
+  Status AddKeyframes(const Map& map, bool at_first_estimates) noexcept;
+  bool IsRevisited(const Map& map, const Landmark& landmark) const noexcept;
+  Use UseOf(const Map& map, const Landmark& landmark, const Observation& o,
+            bool is_revisited) const noexcept;
+  int IndexInBa(const Map& map, const Observation& o, Use use) noexcept;
+  int CountUsable(const Map& map, const Landmark& landmark) const noexcept;
+  bool AddLandmark(const Map& map, SlotId id, bool must_fit) noexcept;
   void AddLandmarks(const Map& map, int min_observations) noexcept;
-  int BaIndexOf(const Map& map, SlotId keyframe) noexcept;
-  void AddPriors(const Map& map, const NavAid& nav) noexcept;
-  void WriteBack(Map* map) noexcept;
+  void AddLeavingLandmarks(Map* map) noexcept;
+  void AddGauge(int k) noexcept;
+  void AddNav(const Map& map, const NavAid& nav, int k) noexcept;
+  std::optional<NavFactor> Position(const Map& map, const NavAid& nav, int k) const noexcept;
+  bool IsGated(const Map& map, const NavFactor& position) const noexcept;
+  bool AddDisplacement(const Map& map, const NavAid& nav, int k) noexcept;
+  void AddAltitude(const Map& map, const NavAid& nav, int k) noexcept;
+  void AddLinks(const Map& map, const NavAid* nav) noexcept;
+  void WriteBack(Map* map, bool has_nav) noexcept;
+  void CountOutliers(const Map& map, const NavAid* nav) noexcept;
+  void Leave(Map* map, NavAid* nav) noexcept;
 
   MapperOptions options_;
   AnyCamera camera_;
   WindowBa ba_;
+  MarginalPrior prior_;
+  FixedVector<SlotId> prior_keyframes_;  // of prior_'s poses
+  FixedVector<int> prior_index_;         // the same as indices of the window
   FixedVector<SlotId> window_;
+  FixedVector<Motion> motions_;      // of the window
   FixedVector<SlotId> landmarks_;    // in the order in which ba_ has them
   FixedVector<int> index_of_;        // per keyframe slot: its index in ba_, -1 where not in it
-  FixedVector<std::uint8_t> added_;  // per landmark slot
-  SlotId newest_fixed_;
-  int num_fixed_ = 0;
+  FixedVector<int> landmark_index_;  // per landmark slot, likewise
+  NavStates states_ = NavStates::Zero();
+  Mat6 state_covariance_ = Mat6::Zero();
+  // Of what held the window when it came back to known ground, and where that was.
+  Mat6 base_covariance_ = Mat6::Zero();
+  Rigid3 base_from_world_;
+  SlotId anchor_;         // the newest old keyframe that holds the window now
+  int num_anchored_ = 0;  // observations from such
+  int num_anchors_ = 0;
+  std::int32_t first_id_ = 0;  // keyframes before this one have left
+  Utime positions_from_ = 0;   // earlier ones went with them
+  // While these are in the window they say where the world is and, without navigation, how long.
+  SlotId gauge_, gauge_second_;
+  PosePrior gauge_place_, gauge_length_;
+  bool has_gauge_length_ = false;
+  bool has_left_ = false, has_left_before_ = false;
+  Mat3 position_covariance_ = Mat3::Zero();  // of the newest body, in the world
+  int num_gated_in_row_ = 0;                 // positions
+  int num_nav_outliers_ = 0;
 };
 
 }  // namespace rsfm

@@ -60,24 +60,68 @@ TEST(NavAid, MotionIsTheCamerasWhateverTheSource) {
   EXPECT_FALSE(Make(true, true).Motion(UsFromSeconds(2.0), UsFromSeconds(60.0)).has_value());
 }
 
-TEST(NavAid, PriorsVanishAtTheTruth) {
+TEST(NavAid, FactorsVanishAtTheTruth) {
   const NavAid nav = Make(true, true);
   const Rigid3 a = (SurveyBody(3.0) * DownwardCamera()).Inverse();
   const Rigid3 b = (SurveyBody(4.0) * DownwardCamera()).Inverse();
   NavSample sample = SampleAt(3.0, true, true);
   sample.Set(NavField::kDepth);
   sample.depth_m = SurveyBody(3.0).translation.z();
-  int count = 0;
-  nav.ForEachPrior(0, sample, [&](const PosePrior& prior) {
-    ++count;
-    EXPECT_LT(EvaluatePrior(prior, a, Rigid3()).residual.norm(), 1e-6);
-    EXPECT_GT(EvaluatePrior(prior, b, Rigid3()).residual.norm(), 0.1);
-  });
-  EXPECT_EQ(count, 3);
-  const auto displacement = nav.DisplacementPrior(0, 1, UsFromSeconds(3.0), UsFromSeconds(4.0));
+  const NavStates none = NavStates::Zero();
+  const Vec3 still = Vec3::Zero();
+  const Utime at = UsFromSeconds(3.0);
+  for (const auto& factor :
+       {nav.AttitudeFactor(0, sample, still), nav.DepthFactor(0, sample, still),
+        nav.PositionFactor(0, at, at - 1, at + 1, still)}) {
+    ASSERT_TRUE(factor.has_value());
+    EXPECT_LT(EvaluateNavFactor(*factor, a, Rigid3(), none).residual.norm(), 1e-6);
+    EXPECT_GT(EvaluateNavFactor(*factor, b, Rigid3(), none).residual.norm(), 0.1);
+  }
+  const auto displacement = nav.DisplacementFactor(0, 1, at, UsFromSeconds(4.0));
   ASSERT_TRUE(displacement.has_value());
-  EXPECT_LT(EvaluatePrior(*displacement, a, b).residual.norm(), 0.1);
-  EXPECT_GT(EvaluatePrior(*displacement, a, a).residual.norm(), 3.0);
+  EXPECT_LT(EvaluateNavFactor(*displacement, a, b, none).residual.norm(), 0.1);
+  EXPECT_GT(EvaluateNavFactor(*displacement, a, a, none).residual.norm(), 3.0);
+  EXPECT_FALSE(nav.DisplacementFactor(0, 1, at, UsFromSeconds(60.0)).has_value());
+  EXPECT_FALSE(nav.PositionFactor(0, at, UsFromSeconds(60.0), UsFromSeconds(61.0), still));
+}
+
+// A log that is mounted wrong, off by a factor and away from the body's origin: the factor's states
+// explain what it measures.
+TEST(NavAid, SensorStatesExplainTheLog) {
+  NavStates states = NavStates::Zero();
+  states[kHeadingBias] = 0.01;
+  states[kVelocityScale] = 0.005;
+  states.segment<3>(kMisalignment) = Vec3(0.004, -0.006, 0.008);
+  states.segment<3>(kVelocityLever) = Vec3(0.1, -0.05, 0.2);
+  NavAid nav = NavAid::Create(MapperOptions{}, DownwardCamera()).value();
+  for (int i = 0; i <= 400; ++i) {
+    const double t = 0.025 * i, h = 1e-3;
+    NavSample sample = SampleAt(t, false, true);
+    const Mat3 rotation = SampleAt(t, false, false).ned_from_body.toRotationMatrix();
+    const Vec3 rate_ned =
+        LogSo3(SurveyBody(t + h).rotation * SurveyBody(t - h).rotation.conjugate()) / (2.0 * h);
+    const Vec3 swing = (rotation.transpose() * rate_ned).cross(states.segment<3>(kVelocityLever));
+    sample.velocity_body_mps =
+        (1.0 + states[kVelocityScale]) *
+        (ExpSo3(states.segment<3>(kMisalignment)) * (sample.velocity_body_mps + swing));
+    sample.ned_from_body = ExpSo3(Vec3(0, 0, states[kHeadingBias])) * sample.ned_from_body;
+    nav.buffer().Insert(sample);
+  }
+  const auto factor = nav.DisplacementFactor(0, 1, UsFromSeconds(3.0), UsFromSeconds(7.0));
+  ASSERT_TRUE(factor.has_value());
+  const Rigid3 a = (SurveyBody(3.0) * DownwardCamera()).Inverse();
+  const Rigid3 b = (SurveyBody(7.0) * DownwardCamera()).Inverse();
+  NavFactor in_metres = *factor;
+  in_metres.sqrt_information = Mat3::Identity();
+  const double explained = EvaluateNavFactor(in_metres, a, b, states).residual.norm();
+  EXPECT_LT(explained, 1e-3);
+  for (const int state :
+       {kHeadingBias + 0, kVelocityScale + 0, kMisalignment + 2, kVelocityLever + 0}) {
+    NavStates without = states;
+    without[state] = 0.0;
+    EXPECT_GT(EvaluateNavFactor(in_metres, a, b, without).residual.norm(), 1.5 * explained)
+        << state;
+  }
 }
 
 TEST(NavAid, PlacesTheCameraWhereTheBodyIs) {

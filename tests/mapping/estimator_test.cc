@@ -1,0 +1,319 @@
+// The estimator on simulated surveys: how far off it is, and whether it knows.
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <vector>
+
+#include "tests/mapping/simulated_mission.h"
+#include "tests/support/malloc_trap.h"
+
+namespace rsfm {
+namespace {
+
+struct Flight {
+  std::vector<StepReport> reports;
+  std::vector<Vec3> found, truth;  // the body, where there is a pose
+  std::vector<double> nees;        // of the frames with a pose
+  std::size_t heap_calls = 0;
+  int num_tracking = 0;
+};
+
+// The error of a pose with its covariance: (position, rotation about the world's axes). The world's
+// place is that of the first pose.
+double Nees(const BodyPose& pose, const Rigid3& truth, const Vec3& offset) {
+  Vec6 error;
+  error.head<3>() = pose.world_from_body.translation - truth.translation - offset;
+  error.tail<3>() = LogSo3(pose.world_from_body.rotation * truth.rotation.conjugate());
+  return error.dot(pose.covariance.ldlt().solve(error));
+}
+
+Flight Fly(const SimulatedMission& mission, IncrementalMapper* mapper, int num_frames) {
+  mission.FeedNav(&mapper->nav().buffer());
+  Flight flight;
+  Vec3 offset = Vec3::Zero();
+  for (int frame = 0; frame < num_frames; ++frame) {
+    const FeatureFrame seen = mission.See(frame);
+    const FrameObservations view = seen.View(mission.UtimeOf(frame));
+    MallocTrap trap;
+    const auto report = mapper->Step(view);
+    flight.heap_calls += trap.count();
+    EXPECT_TRUE(report.has_value());
+    if (!report) continue;
+    flight.reports.push_back(*report);
+    flight.num_tracking += report->state == MapperState::kTracking;
+    if (!report->has_pose) continue;
+    const BodyPose body =
+        ToBodyPose(report->camera_from_world, report->covariance, DownwardCamera());
+    const Rigid3 truth = mission.Body(mission.TimeOf(frame));
+    if (flight.found.empty()) {
+      offset = body.world_from_body.translation - truth.translation;
+      offset.z() = 0.0;
+    }
+    flight.found.push_back(body.world_from_body.translation);
+    flight.truth.push_back(truth.translation);
+    flight.nees.push_back(Nees(body, truth, offset));
+  }
+  return flight;
+}
+
+// After the best turn about the vertical and shift.
+double AlignedRmse(const std::vector<Vec3>& found, const std::vector<Vec3>& truth) {
+  Vec3 mean_found = Vec3::Zero(), mean_truth = Vec3::Zero();
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    mean_found += found[i] / static_cast<double>(found.size());
+    mean_truth += truth[i] / static_cast<double>(found.size());
+  }
+  double sine = 0.0, cosine = 0.0;
+  for (std::size_t i = 0; i < found.size(); ++i) {
+    const Vec3 a = found[i] - mean_found, b = truth[i] - mean_truth;
+    cosine += a.x() * b.x() + a.y() * b.y();
+    sine += a.x() * b.y() - a.y() * b.x();
+  }
+  const Quat turn = ExpSo3(Vec3(0, 0, std::atan2(sine, cosine)));
+  double sum = 0.0;
+  for (std::size_t i = 0; i < found.size(); ++i)
+    sum += (turn * (found[i] - mean_found) - (truth[i] - mean_truth)).squaredNorm();
+  return std::sqrt(sum / static_cast<double>(found.size()));
+}
+
+std::unique_ptr<IncrementalMapper> MakeMapper(const SimulatedMission& mission,
+                                              const MapperOptions& options) {
+  return IncrementalMapper::Create(options, mission.camera(), DownwardCamera()).value();
+}
+
+// Dead reckoning from the same sensors, frame by frame.
+double DeadReckonedRmse(const SimulatedMission& mission, const NavAid& nav, int num_frames) {
+  std::vector<Vec3> found{Vec3::Zero()}, truth{mission.Body(0.0).translation};
+  for (int frame = 1; frame < num_frames; ++frame) {
+    const auto motion =
+        nav.buffer().DeadReckon(mission.UtimeOf(frame - 1), mission.UtimeOf(frame), nav.defaults());
+    EXPECT_TRUE(motion.has_value());
+    if (!motion) break;
+    found.push_back(found.back() + motion->displacement_ned_m);
+    truth.push_back(mission.Body(mission.TimeOf(frame)).translation);
+  }
+  return AlignedRmse(found, truth);
+}
+
+TEST(Estimator, CovarianceIsConsistent) {
+  constexpr int kRuns = 12, kFrames = 36;
+  double sum = 0.0;
+  int count = 0;
+  for (int run = 0; run < kRuns; ++run) {
+    SimulatedMissionOptions options;
+    options.seed = static_cast<std::uint64_t>(run) + 1;
+    options.legs = 1;
+    options.heading_bias_deg = 1.0;
+    options.max_features = 110;
+    options.points_per_m2 = 9.0;
+    const SimulatedMission mission(options);
+    const auto mapper = MakeMapper(mission, mission.Mapper());
+    const Flight flight = Fly(mission, mapper.get(), kFrames);
+    ASSERT_GE(flight.num_tracking, kFrames - 1);
+    EXPECT_EQ(flight.heap_calls, 0u);
+    sum += flight.nees.back();
+    ++count;
+  }
+  const double mean = sum / count;
+  RecordProperty("nees", std::to_string(mean));
+  std::printf("mean NEES %.2f of 6\n", mean);
+  // The 95 % band of chi-square with 72 degrees of freedom over 12 runs.
+  EXPECT_GT(mean, 50.4 / kRuns);
+  EXPECT_LT(mean, 97.4 / kRuns);
+}
+
+TEST(Estimator, BeatsDeadReckoning) {
+  SimulatedMissionOptions options;
+  options.legs = 3;
+  options.heading_bias_deg = 1.0;
+  const SimulatedMission mission(options);
+  const auto mapper = MakeMapper(mission, mission.Mapper());
+  const int frames = mission.num_frames();
+  const Flight flight = Fly(mission, mapper.get(), frames);
+  const double rmse = AlignedRmse(flight.found, flight.truth);
+  const double reckoned = DeadReckonedRmse(mission, mapper->nav(), frames);
+  std::printf("%.0f m: %.3f m (%.2f %%), dead reckoning %.3f m\n", mission.length_m(), rmse,
+              100.0 * rmse / mission.length_m(), reckoned);
+  EXPECT_LT(rmse, 0.003 * mission.length_m());
+  EXPECT_GE(flight.num_tracking, frames - 2);
+}
+
+// Metric from any one source; from none, it says so.
+TEST(Estimator, AnyOneSensorGivesTheScale) {
+  struct Case {
+    bool velocity, depth, altitude;
+    double fix_every_s;
+  };
+  for (const Case& c :
+       {Case{true, false, false, 0.0}, Case{false, true, false, 0.0}, Case{false, false, true, 0.0},
+        Case{false, false, false, 2.0}, Case{false, false, false, 0.0}}) {
+    SimulatedMissionOptions options;
+    options.legs = 1;
+    options.max_features = 110;
+    options.points_per_m2 = 9.0;
+    options.has_velocity = c.velocity;
+    options.has_depth = c.depth;
+    options.has_altitude = c.altitude;
+    options.fix_every_s = c.fix_every_s;
+    options.fix_sigma_m = 0.1;
+    const SimulatedMission mission(options);
+    const auto mapper = MakeMapper(mission, mission.Mapper());
+    const Flight flight = Fly(mission, mapper.get(), 60);
+    const bool has_any = c.velocity || c.depth || c.altitude || c.fix_every_s > 0.0;
+    const StepReport& last = flight.reports.back();
+    EXPECT_EQ(last.scale_is_metric, has_any) << c.velocity << c.depth << c.altitude;
+    EXPECT_EQ(last.world_is_ned, has_any);
+    EXPECT_EQ(flight.heap_calls, 0u);
+    if (!has_any) continue;
+    // The last five metres are five metres long, and the jump was announced.
+    const std::size_t n = flight.found.size();
+    const double found = (flight.found[n - 1] - flight.found[n - 21]).norm();
+    const double truth = (flight.truth[n - 1] - flight.truth[n - 21]).norm();
+    EXPECT_NEAR(found / truth, 1.0, 0.06) << c.velocity << c.depth << c.altitude;
+    EXPECT_EQ(last.reset_counter, c.velocity ? 0 : 1);
+  }
+}
+
+TEST(Estimator, DeadReckonsThroughAnOutageKnowingHowWell) {
+  SimulatedMissionOptions options;
+  options.legs = 1;
+  options.max_features = 110;
+  options.points_per_m2 = 9.0;
+  options.blind_from_s = 8.0;
+  options.blind_to_s = 18.0;
+  const SimulatedMission mission(options);
+  const auto mapper = MakeMapper(mission, mission.Mapper());
+  const Flight flight = Fly(mission, mapper.get(), 52);
+  double last_sigma = 0.0;
+  int num_reckoned = 0;
+  for (int frame = 2; frame < 52; ++frame) {
+    const StepReport& report = flight.reports[static_cast<std::size_t>(frame)];
+    const double t = mission.TimeOf(frame);
+    const double sigma = std::sqrt(report.covariance.bottomRightCorner<3, 3>().trace());
+    EXPECT_TRUE(report.has_pose);
+    EXPECT_EQ(report.reset_counter, 0);
+    if (t >= options.blind_from_s && t < options.blind_to_s) {
+      EXPECT_EQ(report.state, MapperState::kDeadReckoning);
+      EXPECT_GT(sigma, last_sigma);
+      ++num_reckoned;
+    }
+    if (t >= options.blind_to_s + 1.5) {
+      EXPECT_EQ(report.state, MapperState::kTracking) << frame;
+    }
+    last_sigma = sigma;
+  }
+  EXPECT_EQ(num_reckoned, 20);
+  for (std::size_t i = 0; i < flight.nees.size(); ++i)
+    EXPECT_LT(flight.nees[i], 33.0) << i;  // 1e-5 of chi-square with six
+  EXPECT_LT((flight.found.back() - flight.found[1] - flight.truth.back() + flight.truth[1]).norm(),
+            0.2);
+}
+
+// A fix that is 20 m off, a depth that stops: refused or outweighed, and counted.
+TEST(Estimator, OneWrongSensorDoesNotTakeItAway) {
+  SimulatedMissionOptions options;
+  options.legs = 1;
+  options.max_features = 110;
+  options.points_per_m2 = 9.0;
+  options.fix_every_s = 4.0;
+  options.fix_sigma_m = 0.3;
+  options.frozen_depth_from_s = 12.0;
+  options.frozen_depth_to_s = 60.0;
+  const SimulatedMission mission(options);
+  const auto mapper = MakeMapper(mission, mission.Mapper());
+  NavSample wrong;
+  wrong.utime = UsFromSeconds(SimulatedMission::kStart_s + 14.05);
+  wrong.Set(NavField::kPosition);
+  wrong.position_ned_m = Vec3(20.0, -20.0, 3.0);
+  wrong.sigma_position_m = Vec3::Constant(0.3);
+  mapper->nav().buffer().Insert(wrong);
+  const Flight flight = Fly(mission, mapper.get(), 70);
+  EXPECT_GT(mapper->adjuster().num_nav_outliers(), 0);
+  for (std::size_t i = 4; i < flight.found.size(); ++i) {
+    const Vec3 error = flight.found[i] - flight.truth[i];
+    EXPECT_LT(error.head<2>().norm(), 0.8) << i;
+    EXPECT_LT(std::abs(error.z()), 0.3) << i;
+  }
+}
+
+// Navigation stamped 80 ms late: the offset is found, to a few of its own sigmas.
+TEST(Estimator, FindsTheClocksOffset) {
+  SimulatedMissionOptions options;
+  options.legs = 2;
+  options.leg_m = 8.0;
+  options.clock_offset_s = 0.08;
+  options.max_features = 110;
+  options.points_per_m2 = 9.0;
+  options.heading_deg = 0.2;
+  const SimulatedMission mission(options);
+  const auto mapper = MakeMapper(mission, mission.Mapper());
+  Fly(mission, mapper.get(), mission.num_frames());
+  const double found_s = mapper->adjuster().nav_states()[kClockOffset];
+  const double sigma_s =
+      std::sqrt(mapper->adjuster().nav_state_covariance()(kClockOffset, kClockOffset));
+  std::printf("clock offset %.1f ms +- %.1f\n", 1e3 * found_s, 1e3 * sigma_s);
+  // A stamp that runs ahead shows the truth of before: at its time, of minus the offset.
+  EXPECT_NEAR(found_s, -0.08, 0.03);
+  EXPECT_LT(sigma_s, 0.025);
+}
+
+// Whatever a sensor may send that is no measurement: refused, counted by reason, and the poses are
+// the same to the last bit.
+TEST(Estimator, BadNavigationChangesNothing) {
+  SimulatedMissionOptions options;
+  options.legs = 1;
+  options.max_features = 110;
+  options.points_per_m2 = 9.0;
+  options.has_altitude = true;
+  const SimulatedMission mission(options);
+  const auto clean = MakeMapper(mission, mission.Mapper());
+  const auto dirty = MakeMapper(mission, mission.Mapper());
+  mission.FeedNav(&dirty->nav().buffer());
+  NavBuffer& nav = dirty->nav().buffer();
+  const auto rejected = [&](NavReject reason) { return nav.rejected(reason); };
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  for (int i = 0; i < 20; ++i) {
+    NavSample bad;
+    bad.utime = UsFromSeconds(SimulatedMission::kStart_s + 0.513 * i + 0.007);
+    for (const NavField field : {NavField::kVelocity, NavField::kDepth, NavField::kAltitude,
+                                 NavField::kPosition, NavField::kAttitude})
+      bad.Set(field);
+    bad.velocity_body_mps = Vec3(-32.768, 0.0, 0.0);
+    bad.depth_m = kNan;
+    bad.altitude_m = 0.0;
+    bad.sigma_position_m = Vec3(-1.0, -1.0, -1.0);
+    bad.ned_from_body.coeffs() = Vec4::Zero();
+    EXPECT_EQ(nav.Insert(bad), 0u);
+    NavSample jump;
+    jump.utime = bad.utime + 1000;
+    jump.Set(NavField::kVelocity);
+    jump.velocity_body_mps = Vec3(80.0, 0.0, 0.0);
+    EXPECT_EQ(nav.Insert(jump), 0u);
+    NavSample repeated;
+    repeated.utime = UsFromSeconds(SimulatedMission::kStart_s + (0.1 * (20 + 5 * i) - 2.0) + 0.0);
+    repeated.Set(NavField::kDepth);
+    repeated.depth_m = 3.0;
+    EXPECT_EQ(nav.Insert(repeated), 0u);
+  }
+  EXPECT_EQ(rejected(NavReject::kNotFinite), 20u);
+  EXPECT_EQ(rejected(NavReject::kSentinel), 60u);    // velocity, altitude, position
+  EXPECT_EQ(rejected(NavReject::kOutOfRange), 40u);  // attitude, jump
+  EXPECT_EQ(rejected(NavReject::kRepeated), 20u);
+  const Flight a = Fly(mission, clean.get(), 16);
+  std::vector<Vec3> found;
+  for (int frame = 0; frame < 16; ++frame) {
+    const FeatureFrame seen = mission.See(frame);
+    const auto report = dirty->Step(seen.View(mission.UtimeOf(frame)));
+    ASSERT_TRUE(report.has_value());
+    if (report->has_pose)
+      found.push_back(ToBodyPose(report->camera_from_world, report->covariance, DownwardCamera())
+                          .world_from_body.translation);
+  }
+  EXPECT_EQ(found, a.found);
+}
+
+}  // namespace
+}  // namespace rsfm
