@@ -84,6 +84,7 @@ class SimulatedMission {
     mapper.max_features = options_.max_features + 20;
     mapper.max_keyframes = 24;
     mapper.max_landmarks = 4000;
+    mapper.nav_samples = 16384;  // all of it is fed at once
     mapper.window_landmarks = 1000;
     mapper.ransac_iterations = 200;
     mapper.min_inliers = 15;
