@@ -7,38 +7,36 @@ namespace {
 
 void Attitude(const NavFactor& factor, const CarriedBody& body, const NavStates& states,
               NavEvaluation* result) {
-  const Vec3 bias(0.0, 0.0, states[kHeadingBias]);
-  const Quat biased = ExpSo3(bias);
+  const Quat biased = ExpSo3(Vec3(0.0, 0.0, states[kHeadingBias]));
   const Vec3 drift = states[kClockOffset] * factor.rate_radps;
   const Quat moved = ExpSo3(drift);
   result->residual =
-      LogSo3(biased * moved * Quat(body.world_from_body) * factor.ned_from_body.conjugate());
+      LogSo3(moved * biased * Quat(body.world_from_body) * factor.ned_from_body.conjugate());
   const Mat3 chain = LeftJacobianInverseSo3(result->residual);
-  const Mat3 biased_matrix = biased.toRotationMatrix();
+  const Mat3 moved_matrix = chain * moved.toRotationMatrix();
   result->d_residual_d_a.leftCols<3>() =
-      -chain * biased_matrix * moved.toRotationMatrix() * body.world_from_camera;
-  result->d_residual_d_states.col(kHeadingBias) = chain.col(2);
+      -moved_matrix * biased.toRotationMatrix() * body.world_from_camera;
+  result->d_residual_d_states.col(kHeadingBias) = moved_matrix.col(2);
   result->d_residual_d_states.col(kClockOffset) =
-      chain * biased_matrix * LeftJacobianSo3(drift) * factor.rate_radps;
+      chain * LeftJacobianSo3(drift) * factor.rate_radps;
 }
 
 void Displacement(const NavFactor& factor, const CarriedBody& a, const CarriedBody& b,
                   const NavStates& states, NavEvaluation* result) {
-  const Mat3 unbiased = ExpSo3(Vec3(0.0, 0.0, -states[kHeadingBias])).toRotationMatrix();
+  const Mat3 biased = ExpSo3(Vec3(0.0, 0.0, states[kHeadingBias])).toRotationMatrix();
   const double part = 1.0 - states[kVelocityScale];
   const Vec3 aligned =
       factor.measured_m + factor.by_misalignment * states.segment<3>(kMisalignment);
-  const Vec3 predicted =
-      unbiased * (part * aligned - factor.turned * states.segment<3>(kVelocityLever));
-  result->residual =
-      b.position - a.position + states[kClockOffset] * factor.velocity_mps - predicted;
-  result->d_residual_d_a = -a.d_position;
-  result->d_residual_d_b = b.d_position;
+  const Vec3 between = biased * (b.position - a.position);
+  result->residual = between + states[kClockOffset] * factor.velocity_mps - part * aligned +
+                     factor.turned * states.segment<3>(kVelocityLever);
+  result->d_residual_d_a = -biased * a.d_position;
+  result->d_residual_d_b = biased * b.d_position;
   auto& d_states = result->d_residual_d_states;
-  d_states.col(kHeadingBias) = Vec3::UnitZ().cross(predicted);
-  d_states.col(kVelocityScale) = unbiased * aligned;
-  d_states.middleCols<3>(kMisalignment) = -part * unbiased * factor.by_misalignment;
-  d_states.middleCols<3>(kVelocityLever) = unbiased * factor.turned;
+  d_states.col(kHeadingBias) = Vec3::UnitZ().cross(between);
+  d_states.col(kVelocityScale) = aligned;
+  d_states.middleCols<3>(kMisalignment) = -part * factor.by_misalignment;
+  d_states.middleCols<3>(kVelocityLever) = factor.turned;
   d_states.col(kClockOffset) = factor.velocity_mps;
 }
 

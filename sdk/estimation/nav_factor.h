@@ -7,9 +7,13 @@
 //   attitude        measured = Exp(heading_bias e_down) ned_from_body
 //   Doppler log     measured = (1 + scale) Exp(misalignment) (v + w x lever) in the body, so that
 //                   the displacement of the body's origin is, to first order in the states,
-//                     p_b - p_a = Exp(-heading_bias e_down) ((1 - scale)(D + B m) - (R_b - R_a) l),
+//                     Exp(heading_bias e_down) (p_b - p_a) = (1 - scale)(D + B m) - (R_b - R_a) l,
 //                     D = sum R_i v_i dt,  B = sum R_i Hat(v_i) dt  with the measured R_i, v_i
 //   clock           measured(t) is the truth at t + clock_offset
+//
+// Both are written in the axes of what was measured, so that turning the world about the vertical
+// and the heading bias against it changes no residual and, at any one set of poses, the derivatives
+// say so to the last digit: the yaw that nothing measures gains no certainty from noise.
 #pragma once
 
 #include "rsfm/base/error.h"

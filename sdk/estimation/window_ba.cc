@@ -51,6 +51,8 @@ WindowBa::WindowBa(const WindowBaCapacity& capacity)
       nav_factors_(capacity.nav_factors),
       marginal_(capacity.keyframes),
       marginal_of_(capacity.keyframes),
+      firsts_{FixedVector<Rigid3>(capacity.keyframes), FixedVector<Vec6>(capacity.keyframes),
+              FixedVector<std::uint8_t>(capacity.keyframes), false},
       order_(capacity.observations),
       first_(static_cast<std::size_t>(capacity.landmarks) + 1),
       reduced_(capacity.keyframes + kNavBlocks),
@@ -74,11 +76,12 @@ void WindowBa::Allocate(const WindowBaCapacity& capacity, Linearisation* lineari
 }
 
 std::size_t WindowBa::bytes() const {
-  std::size_t total = keyframes_.bytes() + poses_.bytes() + trial_poses_.bytes() + points_.bytes() +
-                      trial_points_.bytes() + point_fixed_.bytes() + observations_.bytes() +
-                      priors_.bytes() + nav_factors_.bytes() + marginal_.bytes() +
-                      marginal_of_.bytes() + order_.bytes() + first_.bytes() + reduced_.bytes() +
-                      point_inverse_.bytes() + pose_step_.bytes() + point_step_.bytes();
+  std::size_t total =
+      keyframes_.bytes() + poses_.bytes() + trial_poses_.bytes() + points_.bytes() +
+      trial_points_.bytes() + point_fixed_.bytes() + observations_.bytes() + priors_.bytes() +
+      nav_factors_.bytes() + marginal_.bytes() + marginal_of_.bytes() + firsts_.poses.bytes() +
+      firsts_.moved.bytes() + firsts_.is_known.bytes() + order_.bytes() + first_.bytes() +
+      reduced_.bytes() + point_inverse_.bytes() + pose_step_.bytes() + point_step_.bytes();
   for (const Linearisation* l : {&current_, &trial_})
     total += l->pose_hessian.bytes() + l->pose_gradient.bytes() + l->point_hessian.bytes() +
              l->point_gradient.bytes() + l->cross.bytes() + l->priors.bytes() + l->nav.bytes() +
@@ -200,7 +203,8 @@ Expected<WindowBaReport> WindowBa::Solve(std::span<const AnyCamera> cameras,
   trial_poses_.TryResizeForOverwrite(poses_.size());
   trial_points_.TryResizeForOverwrite(points_.size());
 
-  Linearise(cameras, options.loss, poses_, points_, states_, &current_);
+  TakeFirstEstimates(false);
+  Linearise(cameras, options.loss, poses_, points_, states_, firsts_, &current_);
   WindowBaReport report;
   report.initial_cost = current_.cost;
   double radius = options.initial_trust_radius;
@@ -212,7 +216,8 @@ Expected<WindowBaReport> WindowBa::Solve(std::span<const AnyCamera> cameras,
     if (ComputeStep(1.0 / radius)) {
       const double predicted = PredictedDecrease(1.0 / radius);
       const double relative_step = ApplyStep();
-      Linearise(cameras, options.loss, trial_poses_, trial_points_, trial_states_, &trial_);
+      Linearise(cameras, options.loss, trial_poses_, trial_points_, trial_states_, firsts_,
+                &trial_);
       const double decrease = current_.cost - trial_.cost;
       const double gain = predicted > 0.0 ? decrease / predicted : -1.0;
       if (gain > 1e-3) {
@@ -227,7 +232,9 @@ Expected<WindowBaReport> WindowBa::Solve(std::span<const AnyCamera> cameras,
         if (small || GradientNorm() <= options.gradient_tolerance)
           report.end = WindowBaEnd::kConverged;
       }
-      if (relative_step <= options.parameter_tolerance) report.end = WindowBaEnd::kConverged;
+      const bool is_tiny = relative_step <= options.parameter_tolerance ||
+                           predicted <= 1e-2 * options.function_tolerance * current_.cost;
+      if (is_tiny) report.end = WindowBaEnd::kConverged;
     }
     if (!accepted && report.end == WindowBaEnd::kIterationLimit) {
       radius /= shrink;

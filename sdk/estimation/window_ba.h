@@ -99,8 +99,9 @@ class WindowBa {
   Status SetMarginalPrior(const MarginalPrior& prior, std::span<const int> keyframe_of,
                           const NavStates& states);
 
-  // Adjusts all free poses and landmarks. `cameras` are what the keyframes' camera indices mean.
-  // On error everything is as it was:
+  // Adjusts all free poses and landmarks. Derivatives to poses that the marginal prior knows are
+  // taken at its first estimates [Huang 2009, ISER, "A first-estimates Jacobian EKF"]. `cameras`
+  // are what the keyframes' camera indices mean. On error everything is as it was:
   //   kInvalidArgument  an option, or a keyframe whose camera is not in `cameras`
   //   kNotEnoughData    no observation and no prior
   //   kDegenerate       nothing holds the poses in the world: no fixed keyframe, no absolute prior
@@ -108,9 +109,10 @@ class WindowBa {
   Expected<WindowBaReport> Solve(std::span<const AnyCamera> cameras,
                                  const WindowBaOptions& options) noexcept;
 
-  // Sums up everything that was added, linearised at the present poses and points, as a prior on
-  // what stays: all free keyframes but the first `num_gone`, and the states. Fixed keyframes come
-  // last.
+  // Sums up everything that was added as a prior on what stays: all free keyframes but the first
+  // `num_gone`, and the states. Fixed keyframes come last. Residuals and robust weights are those
+  // of the present poses; derivatives are taken at the first estimate of a pose that the marginal
+  // prior knows, else at the present pose, which becomes its first estimate.
   //   kInvalidArgument  num_gone, a free keyframe after a fixed one, or a camera index
   //   kDegenerate       a number is not finite; `result` is untouched on any error
   Status Marginalise(std::span<const AnyCamera> cameras, const RobustLoss& loss, int num_gone,
@@ -167,6 +169,15 @@ class WindowBa {
     FixedVector<double> error_px;
   };
 
+  // Where derivatives are taken, and how far each pose has gone from there: of poses that the
+  // marginal prior knows its first estimates, of others the poses before Solve or Marginalise.
+  struct FirstEstimates {
+    FixedVector<Rigid3> poses;
+    FixedVector<Vec6> moved;
+    FixedVector<std::uint8_t> is_known;  // by the prior
+    bool at_poses = false;               // residuals are stated at `poses`, else where they are
+  };
+
   explicit WindowBa(const WindowBaCapacity& capacity);
   void Allocate(const WindowBaCapacity& capacity, Linearisation* linearisation) const;
   Status CheckProblem(std::span<const AnyCamera> cameras,
@@ -174,21 +185,24 @@ class WindowBa {
   void SortObservations() noexcept;
   void Linearise(std::span<const AnyCamera> cameras, const RobustLoss& loss,
                  const FixedVector<Rigid3>& poses, const FixedVector<Vec3>& points,
-                 const NavStates& states, Linearisation* at) const noexcept;
+                 const NavStates& states, const FirstEstimates& firsts,
+                 Linearisation* at) const noexcept;
   void LineariseLandmark(std::span<const AnyCamera> cameras, const RobustLoss& loss,
                          const FixedVector<Rigid3>& poses, const Vec3& point, int landmark,
-                         Linearisation* at) const noexcept;
+                         const FirstEstimates& firsts, Linearisation* at) const noexcept;
   void LineariseAltitude(const Observation& observation, const Rigid3& pose, const Vec3& point,
-                         int place, Mat3* point_hessian, Vec3* point_gradient,
-                         Linearisation* at) const noexcept;
-  void LinearisePriors(const FixedVector<Rigid3>& poses, Linearisation* at) const noexcept;
+                         int place, const FirstEstimates& firsts, Mat3* point_hessian,
+                         Vec3* point_gradient, Linearisation* at) const noexcept;
+  void LinearisePriors(const FixedVector<Rigid3>& poses, const FirstEstimates& firsts,
+                       Linearisation* at) const noexcept;
   void LineariseNav(const FixedVector<Rigid3>& poses, const NavStates& states,
-                    Linearisation* at) const noexcept;
+                    const FirstEstimates& firsts, Linearisation* at) const noexcept;
   void LineariseMarginal(const FixedVector<Rigid3>& poses, const NavStates& states,
                          Linearisation* at) const noexcept;
   int num_blocks() const { return num_free_ + (marginal_.has_states ? kNavBlocks : 0); }
   // The reduced system's block of the marginal prior's.
   int BlockOfMarginal(int i) const noexcept;
+  void TakeFirstEstimates(bool at_poses) noexcept;
   void ReduceNav() noexcept;
   void Accumulate(double inverse_radius) noexcept;
   Expected<Mat6> BlockCovariance(int block) noexcept;
@@ -212,6 +226,7 @@ class WindowBa {
   NavStates states_ = NavStates::Zero(), trial_states_ = NavStates::Zero();
   MarginalPrior marginal_;        // empty where there is none
   FixedVector<int> marginal_of_;  // keyframe of each of its poses
+  FirstEstimates firsts_;         // of all keyframes
 
   FixedVector<int> order_;  // observations by landmark, then by keyframe
   FixedVector<int> first_;  // of each landmark in order_, and the end

@@ -58,19 +58,26 @@ Status WindowBa::SetMarginalPrior(const MarginalPrior& prior, std::span<const in
 
 // error = point.z - body.z - altitude, with body = R' (o - t), R and t of camera_from_world.
 void WindowBa::LineariseAltitude(const Observation& o, const Rigid3& pose, const Vec3& point,
-                                 int place, Mat3* point_hessian, Vec3* point_gradient,
-                                 Linearisation* at) const noexcept {
-  const Mat3 world_from_camera = pose.rotation.toRotationMatrix().transpose();
+                                 int place, const FirstEstimates& firsts, Mat3* point_hessian,
+                                 Vec3* point_gradient, Linearisation* at) const noexcept {
+  Mat3 world_from_camera = pose.rotation.toRotationMatrix().transpose();
   const Vec3 body = world_from_camera * (o.body_in_camera - pose.translation);
   const double error = (point.z() - body.z() - o.pixel.x()) * o.inverse_sigma;
   at->cost += 0.5 * kAltitudeLoss.Rho(error * error);
   const double root_weight = std::sqrt(kAltitudeLoss.Weight(error * error));
   const double scale = root_weight * o.inverse_sigma;
   const Vec3 d_point(0.0, 0.0, scale);
+  if (firsts.is_known[o.keyframe] != 0)
+    world_from_camera = firsts.poses[o.keyframe].rotation.toRotationMatrix().transpose();
   Vec6 d_pose;
   d_pose.head<3>() = -scale * (world_from_camera * Hat(o.body_in_camera)).row(2).transpose();
   d_pose.tail<3>() = scale * world_from_camera.row(2).transpose();
-  const double weighted = root_weight * error;
+  double weighted = root_weight * error;
+  if (firsts.at_poses) {
+    const double now = weighted;
+    weighted -= d_pose.dot(firsts.moved[o.keyframe]);
+    at->cost += 0.5 * (weighted * weighted - now * now);
+  }
   point_hessian->noalias() += d_point * d_point.transpose();
   *point_gradient += weighted * d_point;
   if (keyframes_[o.keyframe].fixed) {
@@ -83,7 +90,7 @@ void WindowBa::LineariseAltitude(const Observation& o, const Rigid3& pose, const
 }
 
 void WindowBa::LineariseNav(const FixedVector<Rigid3>& poses, const NavStates& states,
-                            Linearisation* at) const noexcept {
+                            const FirstEstimates& firsts, Linearisation* at) const noexcept {
   at->state_hessian.setZero();
   at->state_gradient.setZero();
   at->nav.TryResizeForOverwrite(nav_factors_.size());
@@ -95,6 +102,19 @@ void WindowBa::LineariseNav(const FixedVector<Rigid3>& poses, const NavStates& s
     const double squared = e.residual.squaredNorm();
     at->cost += 0.5 * factor.loss.Rho(squared);
     const double scale = std::sqrt(factor.loss.Weight(squared));
+    if (firsts.is_known[factor.a] != 0 || firsts.is_known[b] != 0) {
+      const NavEvaluation first = EvaluateNavFactor(
+          factor, firsts.is_known[factor.a] != 0 ? firsts.poses[factor.a] : poses[factor.a],
+          firsts.is_known[b] != 0 ? firsts.poses[b] : poses[b], states);
+      e.d_residual_d_a = first.d_residual_d_a;
+      e.d_residual_d_b = first.d_residual_d_b;
+      e.d_residual_d_states = first.d_residual_d_states;
+      if (firsts.at_poses) {
+        e.residual -= e.d_residual_d_a * firsts.moved[factor.a];
+        if (factor.b >= 0) e.residual -= e.d_residual_d_b * firsts.moved[b];
+        at->cost += 0.5 * scale * scale * (e.residual.squaredNorm() - squared);
+      }
+    }
     e.residual *= scale;
     e.d_residual_d_a *= scale;
     e.d_residual_d_b *= scale;
@@ -183,6 +203,25 @@ void WindowBa::ReduceNav() noexcept {
   }
 }
 
+void WindowBa::TakeFirstEstimates(bool at_poses) noexcept {
+  firsts_.at_poses = at_poses;
+  firsts_.poses.TryResizeForOverwrite(poses_.size());
+  firsts_.moved.TryResizeForOverwrite(poses_.size());
+  firsts_.is_known.TryResizeForOverwrite(poses_.size());
+  for (std::size_t k = 0; k < poses_.size(); ++k) {
+    firsts_.poses[k] = poses_[k];
+    firsts_.moved[k].setZero();
+    firsts_.is_known[k] = 0;
+  }
+  for (std::size_t i = 0; i < marginal_of_.size(); ++i) {
+    if (marginal_.information.Block(static_cast<int>(i), static_cast<int>(i)).isZero(0.0)) continue;
+    const int k = marginal_of_[i];
+    firsts_.poses[k] = marginal_.first_estimates[i];
+    firsts_.moved[k] = PoseDifference(poses_[k], firsts_.poses[k], nullptr);
+    firsts_.is_known[k] = 1;
+  }
+}
+
 Status WindowBa::Marginalise(std::span<const AnyCamera> cameras, const RobustLoss& loss,
                              int num_gone, MarginalPrior* result) noexcept {
   bool was_fixed = false;
@@ -195,7 +234,8 @@ Status WindowBa::Marginalise(std::span<const AnyCamera> cameras, const RobustLos
   SortObservations();
   if (num_gone < 0 || num_gone > num_free_)
     return Fail(Errc::kInvalidArgument, "num_gone", num_gone);
-  Linearise(cameras, loss, poses_, points_, states_, &current_);
+  TakeFirstEstimates(true);
+  Linearise(cameras, loss, poses_, points_, states_, firsts_, &current_);
   Accumulate(0.0);
   double cost = current_.cost;
   for (int l = 0; l < num_landmarks(); ++l)
@@ -226,7 +266,7 @@ Status WindowBa::Marginalise(std::span<const AnyCamera> cameras, const RobustLos
     return Fail(Errc::kOutOfCapacity, "prior");
   const bool has_states = marginal_.has_states;
   result->Clear();
-  for (int k = num_gone; k < num_free_; ++k) result->first_estimates.TryPushBack(poses_[k]);
+  for (int k = num_gone; k < num_free_; ++k) result->first_estimates.TryPushBack(firsts_.poses[k]);
   result->has_states = has_states;
   result->first_states = states_;
   result->cost = std::max(cost, 0.0);

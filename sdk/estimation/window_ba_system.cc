@@ -80,7 +80,8 @@ void WindowBa::SortObservations() noexcept {
 
 void WindowBa::Linearise(std::span<const AnyCamera> cameras, const RobustLoss& loss,
                          const FixedVector<Rigid3>& poses, const FixedVector<Vec3>& points,
-                         const NavStates& states, Linearisation* at) const noexcept {
+                         const NavStates& states, const FirstEstimates& firsts,
+                         Linearisation* at) const noexcept {
   at->cost = 0.0;
   at->pose_hessian.TryResizeForOverwrite(poses.size());
   at->pose_gradient.TryResizeForOverwrite(poses.size());
@@ -95,15 +96,15 @@ void WindowBa::Linearise(std::span<const AnyCamera> cameras, const RobustLoss& l
   at->error_px.TryResizeForOverwrite(observations_.size());
   at->priors.TryResizeForOverwrite(priors_.size());
   for (std::size_t l = 0; l < points.size(); ++l)
-    LineariseLandmark(cameras, loss, poses, points[l], static_cast<int>(l), at);
-  LinearisePriors(poses, at);
-  LineariseNav(poses, states, at);
-  LineariseMarginal(poses, states, at);
+    LineariseLandmark(cameras, loss, poses, points[l], static_cast<int>(l), firsts, at);
+  LinearisePriors(poses, firsts, at);
+  LineariseNav(poses, states, firsts, at);
+  LineariseMarginal(firsts.at_poses ? firsts.poses : poses, states, at);
 }
 
 void WindowBa::LineariseLandmark(std::span<const AnyCamera> cameras, const RobustLoss& loss,
                                  const FixedVector<Rigid3>& poses, const Vec3& point, int landmark,
-                                 Linearisation* at) const noexcept {
+                                 const FirstEstimates& firsts, Linearisation* at) const noexcept {
   Mat3 point_hessian = Mat3::Zero();
   Vec3 point_gradient = Vec3::Zero();
   for (int i = first_[landmark]; i < first_[landmark + 1]; ++i) {
@@ -112,7 +113,8 @@ void WindowBa::LineariseLandmark(std::span<const AnyCamera> cameras, const Robus
     if (o.is_altitude) {
       at->status[index] = Projection::kOk;
       at->error_px[index] = 0.0;
-      LineariseAltitude(o, poses[o.keyframe], point, i, &point_hessian, &point_gradient, at);
+      LineariseAltitude(o, poses[o.keyframe], point, i, firsts, &point_hessian, &point_gradient,
+                        at);
       continue;
     }
     Vec2 error;
@@ -134,6 +136,20 @@ void WindowBa::LineariseLandmark(std::span<const AnyCamera> cameras, const Robus
     const double information = o.inverse_sigma * o.inverse_sigma;
     at->cost += 0.5 * loss.Rho(squared_px * information);
     const double weight = information * loss.Weight(squared_px * information);
+    if (firsts.is_known[o.keyframe] != 0) {
+      Vec2 unused;
+      Mat26 d_first;
+      Mat23 d_point_first;
+      if (ReprojectionError(cameras[keyframes_[o.keyframe].camera], firsts.poses[o.keyframe], point,
+                            o.pixel, &unused, &d_first, &d_point_first) == Projection::kOk) {
+        d_pose = d_first;
+        d_point = d_point_first;
+      }
+      if (firsts.at_poses) {
+        error -= d_pose * firsts.moved[o.keyframe];
+        at->cost += 0.5 * weight * (error.squaredNorm() - squared_px);
+      }
+    }
     const Mat23 weighted_point = weight * d_point;
     point_hessian.noalias() += weighted_point.transpose() * d_point;
     point_gradient.noalias() += weighted_point.transpose() * error;
@@ -150,7 +166,8 @@ void WindowBa::LineariseLandmark(std::span<const AnyCamera> cameras, const Robus
   at->point_gradient[landmark] = point_gradient;
 }
 
-void WindowBa::LinearisePriors(const FixedVector<Rigid3>& poses, Linearisation* at) const noexcept {
+void WindowBa::LinearisePriors(const FixedVector<Rigid3>& poses, const FirstEstimates& firsts,
+                               Linearisation* at) const noexcept {
   for (std::size_t i = 0; i < priors_.size(); ++i) {
     const PosePrior& prior = priors_[i];
     const int b = prior.IsRelative() ? prior.b : prior.a;
@@ -159,6 +176,18 @@ void WindowBa::LinearisePriors(const FixedVector<Rigid3>& poses, Linearisation* 
     const double squared = e.residual.squaredNorm();
     at->cost += 0.5 * prior.loss.Rho(squared);
     const double scale = std::sqrt(prior.loss.Weight(squared));
+    if (firsts.is_known[prior.a] != 0 || firsts.is_known[b] != 0) {
+      const PriorEvaluation first = EvaluatePrior(
+          prior, firsts.is_known[prior.a] != 0 ? firsts.poses[prior.a] : poses[prior.a],
+          firsts.is_known[b] != 0 ? firsts.poses[b] : poses[b]);
+      e.d_residual_d_a = first.d_residual_d_a;
+      e.d_residual_d_b = first.d_residual_d_b;
+      if (firsts.at_poses) {
+        e.residual -= e.d_residual_d_a * firsts.moved[prior.a];
+        if (prior.IsRelative()) e.residual -= e.d_residual_d_b * firsts.moved[b];
+        at->cost += 0.5 * scale * scale * (e.residual.squaredNorm() - squared);
+      }
+    }
     e.residual *= scale;
     e.d_residual_d_a *= scale;
     e.d_residual_d_b *= scale;

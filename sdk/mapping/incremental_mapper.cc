@@ -158,9 +158,15 @@ SlotId IncrementalMapper::StoreKeyframe(const FrameObservations& frame) noexcept
   return report_.keyframe = *id;
 }
 
-// Room for one more: the oldest keyframe goes, with or without pose.
+// Room for one more: the oldest keyframe goes, with or without pose, but for those that the window
+// still works with. A long outage fills the map with keyframes that wait; what they wait for stays.
 void IncrementalMapper::Evict() noexcept {
   if (map_.keyframes().size() < map_.keyframe_capacity()) return;
+  for (const SlotId id : map_.keyframes()) {
+    if (adjuster_.Holds(id)) continue;
+    map_.EraseKeyframe(id);
+    return;
+  }
   map_.EraseKeyframe(map_.keyframes().front());
 }
 
@@ -289,7 +295,7 @@ void IncrementalMapper::FindWorld(SlotId keyframe) noexcept {
     const auto world = FindMetricWorld(map_, nav_);
     if (!world) return;
     MoveTo(*world, &map_);
-    adjuster_.Reset();
+    adjuster_.Reset(world->sigma_scale / world->scale);
     report_.scale_is_metric = report_.world_is_ned = true;
     has_position_ = world->has_position;
   } else if (!has_position_) {

@@ -9,7 +9,6 @@ namespace {
 
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kMeanObservations = 8.0;  // of a landmark in a window: sizes the memory
-constexpr double kMaxFirstTurn = 0.01, kMaxFirstMove = 0.05;  // rad, m: of a first estimate
 constexpr double kTenMinutes = 600.0;
 constexpr int kMinAnchored = 20;  // observations, for old keyframes to hold the window
 constexpr RobustLoss kImageLoss{LossType::kHuber, 1.0};
@@ -70,7 +69,8 @@ std::size_t WindowAdjuster::bytes() const {
   return ba_.bytes() + prior_.bytes() + landmarks_.bytes() + landmark_index_.bytes();
 }
 
-void WindowAdjuster::Reset() noexcept {
+void WindowAdjuster::Reset(double sigma_scale) noexcept {
+  sigma_scale_ = sigma_scale;
   prior_.Clear();
   prior_keyframes_.clear();
   window_.clear();
@@ -82,6 +82,11 @@ void WindowAdjuster::Reset() noexcept {
   positions_from_ = 0;
   has_left_ = has_left_before_ = false;
   num_gated_in_row_ = 0;
+}
+
+bool WindowAdjuster::Holds(SlotId keyframe) const noexcept {
+  return std::find(prior_keyframes_.begin(), prior_keyframes_.end(), keyframe) !=
+         prior_keyframes_.end();
 }
 
 void WindowAdjuster::Translate(const Vec3& by_m, const Vec3& sigma_m) noexcept {
@@ -99,14 +104,10 @@ void WindowAdjuster::SelectWindow(const Map& map) noexcept {
   for (const SlotId id : prior_keyframes_) {
     if (!map.Contains(id)) Reset();  // evicted before it left: what the prior knew is void
   }
-  const auto is_known = [&](SlotId id) {
-    return std::find(prior_keyframes_.begin(), prior_keyframes_.end(), id) !=
-           prior_keyframes_.end();
-  };
   std::size_t num_others = 0;
   for (const SlotId id : map.keyframes()) {
     const Keyframe& keyframe = map.keyframe(id);
-    num_others += keyframe.is_placed && keyframe.id >= first_id_ && !is_known(id);
+    num_others += keyframe.is_placed && keyframe.id >= first_id_ && !Holds(id);
   }
   const std::size_t limit =
       prior_keyframes_.empty() ? Count(options_.window_keyframes) : window_.capacity();
@@ -115,7 +116,7 @@ void WindowAdjuster::SelectWindow(const Map& map) noexcept {
   for (const SlotId id : map.keyframes()) {
     const Keyframe& keyframe = map.keyframe(id);
     if (!keyframe.is_placed || keyframe.id < first_id_) continue;
-    if (!is_known(id) && num_others-- > room) continue;
+    if (!Holds(id) && num_others-- > room) continue;
     window_.TryPushBack(id);
   }
 }
@@ -130,7 +131,7 @@ void WindowAdjuster::StartPrior(const Map& map, const NavAid* nav) noexcept {
   if (prior_.num_keyframes() > 0 || map.Contains(gauge_)) return;
   const Keyframe& first = map.keyframe(window_[0]);
   gauge_ = window_[0];
-  gauge_second_ = window_[1];
+  gauge_second_ = nav == nullptr ? window_[1] : window_.back();
   Mat6 covariance = 1e-8 * Mat6::Identity();
   Rigid3 body_from_camera;
   if (nav != nullptr) {
@@ -147,11 +148,12 @@ void WindowAdjuster::StartPrior(const Map& map, const NavAid* nav) noexcept {
   if (const auto place = MakePosePrior(0, body_from_camera, world_from_body, covariance))
     gauge_place_ = *place;
   has_gauge_length_ = false;
-  if (nav != nullptr) return;
+  const double part = nav == nullptr ? 1e-3 : sigma_scale_;
+  if (part <= 0.0) return;
   const double length = (map.keyframe(gauge_second_).camera_from_world.OriginOfTarget() -
                          first.camera_from_world.OriginOfTarget())
                             .norm();
-  if (const auto prior = MakeBaselinePrior(0, 1, Rigid3(), length, 1e-3 * length)) {
+  if (const auto prior = MakeBaselinePrior(0, 1, Rigid3(), length, part * length)) {
     gauge_length_ = *prior;
     has_gauge_length_ = true;
   }
@@ -163,8 +165,7 @@ Expected<WindowBaReport> WindowAdjuster::Adjust(Map* map, NavAid* nav) noexcept 
   if (window_.size() < 2) return Fail(Errc::kNotEnoughData, "window");
   StartPrior(*map, nav);
   MeasureMotion(*map, nav);
-  if (const Status status = AddKeyframes(*map, false); !status)
-    return tl::unexpected(status.error());
+  if (const Status status = AddKeyframes(*map); !status) return tl::unexpected(status.error());
   AddLandmarks(*map, 3);
   AddLandmarks(*map, 2);
   for (int k = 0; k < static_cast<int>(window_.size()); ++k) {
@@ -218,15 +219,12 @@ void WindowAdjuster::WriteBack(Map* map, bool has_nav) noexcept {
 // The oldest keyframe leaves: everything that speaks of it goes into the prior.
 void WindowAdjuster::Leave(Map* map, NavAid* nav) noexcept {
   CountOutliers(*map, nav);  // while the positions' gate is as it was for this window
-  // A first estimate that nothing depends on yet, or that has become a bad one, is taken anew.
-  for (int i = 0; i < prior_.num_keyframes(); ++i) {
-    const Rigid3& now = map->keyframe(prior_keyframes_[Count(i)]).camera_from_world;
-    const Vec6 moved = PoseDifference(now, prior_.first_estimates[Count(i)], nullptr);
-    if (prior_.information.Block(i, i).isZero(0.0) || moved.head<3>().norm() > kMaxFirstTurn ||
-        moved.tail<3>().norm() > kMaxFirstMove)
-      prior_.Rebase(i, now);
-  }
-  if (!AddKeyframes(*map, true)) return;
+  // A first estimate that nothing depends on yet is taken anew.
+  for (int i = 0; i < prior_.num_keyframes(); ++i)
+    if (prior_.information.Block(i, i).isZero(0.0))
+      prior_.first_estimates[Count(i)] =
+          map->keyframe(prior_keyframes_[Count(i)]).camera_from_world;
+  if (!AddKeyframes(*map)) return;
   AddLeavingLandmarks(map);
   AddGauge(0);
   if (nav != nullptr) {

@@ -1,6 +1,9 @@
 // Window adjustment over the map: the newest keyframes, the landmarks they see, navigation and the
 // errors of its sensors move together; what leaves the window is kept as a prior on the rest.
 //
+// Derivatives to poses that the prior knows are taken where the prior was: directions that nothing
+// measures (the place, and the yaw under a heading bias) gain no certainty from noise.
+//
 // A keyframe leaves with every landmark that the newest ones no longer see (and all its
 // observations), its own navigation, and the displacement to the next (window_ba.h, Marginalise).
 // Of landmarks that are still seen its observations are dropped: information is lost there, none is
@@ -22,8 +25,9 @@ class WindowAdjuster {
   // The same camera in other water; allocates nothing.
   void SetCamera(const AnyCamera& camera) noexcept { camera_ = camera; }
 
-  // Forgets the windows before: a new world begins.
-  void Reset() noexcept;
+  // Forgets the windows before: a new world begins. Its scale is known to this part of it from what
+  // the windows to come will not see again; 0: their factors alone give it.
+  void Reset(double sigma_scale = 0.0) noexcept;
   // The owner has moved the world, and knows its place only to these sigmas more.
   void Translate(const Vec3& by_m, const Vec3& sigma_m) noexcept;
 
@@ -33,6 +37,8 @@ class WindowAdjuster {
 
   // The keyframes that moved in the last Adjust, oldest first.
   std::span<const SlotId> window() const { return window_.span(); }
+  // Whether the next adjustment needs this keyframe: the prior speaks of it.
+  bool Holds(SlotId keyframe) const noexcept;
   // The first of them has left; it will not be moved again.
   bool has_left() const { return has_left_; }
   // What is known of the sensors' errors; zero where the world is not NED.
@@ -54,7 +60,7 @@ class WindowAdjuster {
   void SelectWindow(const Map& map) noexcept;
   void StartPrior(const Map& map, const NavAid* nav) noexcept;
   void MeasureMotion(const Map& map, const NavAid* nav) noexcept;
-  Status AddKeyframes(const Map& map, bool at_first_estimates) noexcept;
+  Status AddKeyframes(const Map& map) noexcept;
   bool IsRevisited(const Map& map, const Landmark& landmark) const noexcept;
   Use UseOf(const Map& map, const Landmark& landmark, const Observation& o,
             bool is_revisited) const noexcept;
@@ -99,6 +105,7 @@ class WindowAdjuster {
   SlotId gauge_, gauge_second_;
   PosePrior gauge_place_, gauge_length_;
   bool has_gauge_length_ = false;
+  double sigma_scale_ = 0.0;
   bool has_left_ = false, has_left_before_ = false;
   Mat3 position_covariance_ = Mat3::Zero();  // of the newest body, in the world
   int num_gated_in_row_ = 0;                 // positions

@@ -35,7 +35,7 @@ void WindowAdjuster::MeasureMotion(const Map& map, const NavAid* nav) noexcept {
   }
 }
 
-Status WindowAdjuster::AddKeyframes(const Map& map, bool at_first_estimates) noexcept {
+Status WindowAdjuster::AddKeyframes(const Map& map) noexcept {
   ba_.Clear();
   landmarks_.clear();
   std::fill(index_of_.begin(), index_of_.end(), -1);
@@ -44,13 +44,8 @@ Status WindowAdjuster::AddKeyframes(const Map& map, bool at_first_estimates) noe
   num_anchored_ = num_anchors_ = 0;
   prior_index_.clear();
   for (std::size_t k = 0; k < window_.size(); ++k) {
-    Rigid3 pose = map.keyframe(window_[k]).camera_from_world;
-    for (std::size_t i = 0; i < prior_keyframes_.size(); ++i) {
-      if (prior_keyframes_[i] != window_[k]) continue;
-      prior_index_.TryPushBack(static_cast<int>(k));
-      if (at_first_estimates) pose = prior_.first_estimates[i];
-    }
-    const auto index = ba_.AddKeyframe(pose);
+    if (Holds(window_[k])) prior_index_.TryPushBack(static_cast<int>(k));
+    const auto index = ba_.AddKeyframe(map.keyframe(window_[k]).camera_from_world);
     if (!index) return tl::unexpected(index.error());
     index_of_[window_[k].index] = *index;
   }

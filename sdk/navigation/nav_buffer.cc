@@ -61,11 +61,11 @@ template <class Sample>
 bool NavBuffer::Store(const Sample& sample, TimedRingBuffer<Sample>* ring) noexcept {
   if (sample.utime < horizon_) return Reject(NavReject::kTooLate), false;
   if (!ring->empty()) {
-    const double late_s = SecondsFromUs(ring->back().utime - sample.utime);
-    if (late_s > options_.max_late_s) return Reject(NavReject::kRunsBackwards), false;
     const std::size_t i = ring->LowerBound(sample.utime);
     if (i < ring->size() && (*ring)[i].utime == sample.utime)
       return Reject(NavReject::kRepeated), false;
+    const double late_s = SecondsFromUs(ring->back().utime - sample.utime);
+    if (late_s > options_.max_late_s) return Reject(NavReject::kRunsBackwards), false;
   }
   if (!ring->Insert(sample)) return Reject(NavReject::kRunsBackwards), false;
   ++accepted_;

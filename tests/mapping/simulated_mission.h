@@ -38,6 +38,7 @@ struct SimulatedMissionOptions {
   double blind_from_s = 0.0, blind_to_s = 0.0;
   double no_velocity_from_s = 0.0, no_velocity_to_s = 0.0;
   double frozen_depth_from_s = 0.0, frozen_depth_to_s = 0.0;
+  double wrong_fixes_from_s = 0.0, wrong_fixes_to_s = 0.0;  // 20 m off, north and west
 };
 
 class SimulatedMission {
@@ -52,6 +53,7 @@ class SimulatedMission {
   int num_frames() const { return static_cast<int>(duration_s() * options_.frame_rate_hz); }
   double TimeOf(int frame) const { return frame / options_.frame_rate_hz; }
   const AnyCamera& camera() const { return camera_; }
+  const FeatureWorld& world() const { return world_; }
   Utime UtimeOf(int frame) const { return UsFromSeconds(kStart_s + TimeOf(frame)); }
 
   // ned_from_body.
@@ -151,6 +153,8 @@ class SimulatedMission {
           i % std::max(1, static_cast<int>(10.0 * options_.fix_every_s)) == 0) {
         sample.Set(NavField::kPosition);
         sample.position_ned_m = body.translation + fix_noise;
+        if (within(t, options_.wrong_fixes_from_s, options_.wrong_fixes_to_s))
+          sample.position_ned_m += Vec3(20.0, -20.0, 0.0);
         sample.sigma_position_m = Vec3::Constant(options_.fix_sigma_m);
       }
       buffer->Insert(sample);
