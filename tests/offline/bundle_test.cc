@@ -9,6 +9,7 @@
 #include "tests/support/ceres_costs.h"
 #include "tests/support/rigs.h"
 #include "tests/support/survey.h"
+#include "tools/offline/camera_unknowns.h"
 
 namespace rsfm {
 namespace {
@@ -299,6 +300,23 @@ TEST(BundleGaugeTest, WhatTakesTheBendingOverLeavesNoScale) {
   EXPECT_TRUE(RaysTellScale(PortType::kDome, options));
   options.lens.focal = true;
   EXPECT_FALSE(RaysTellScale(PortType::kDome, options));
+}
+
+TEST(CameraUnknownsTest, APortsDistanceDoesNotVanish) {
+  CameraConfig rig = PaperLens();
+  rig.port.type = PortType::kFlat;
+  rig.port.distance_m = 0.02;
+  rig.port.thickness_m = 0.01;
+  BundleOptions options;
+  options.port.distance = true;
+  const CameraUnknowns unknowns(options, {rig});
+  const Eigen::VectorXd nearer = Eigen::VectorXd::Constant(unknowns.count(), -0.1);
+  std::vector<CameraConfig> now = {rig}, moved;
+  for (int i = 0; i < 30; ++i) {
+    ASSERT_TRUE(unknowns.Plus(nearer, now, &moved));
+    now = moved;
+  }
+  EXPECT_EQ(now[0].port.distance_m, 1e-3);
 }
 
 TEST(FitNoiseTest, TakesTheMedianWithinBounds) {

@@ -127,6 +127,9 @@ void CameraUnknowns::Columns(
     columns->col(column++) = jacobian.d_error_d_port.col(parameter);
 }
 
+// Nearer to its window no camera can be told from one that touches it.
+constexpr double kLeastDistanceM = 1e-3;
+
 bool CameraUnknowns::Plus(const Eigen::VectorXd& delta, const std::vector<CameraConfig>& configs,
                           std::vector<CameraConfig>* moved) const {
   *moved = configs;
@@ -152,7 +155,8 @@ bool CameraUnknowns::Plus(const Eigen::VectorXd& delta, const std::vector<Camera
       const double before = port[parameter];
       port[parameter] += delta[column++];
       if (config.port.type == PortType::kFlat && parameter == 3)
-        port[parameter] = std::max(port[parameter], 0.1 * before);
+        port[parameter] =
+            std::max({port[parameter], 0.1 * before, std::min(before, kLeastDistanceM)});
       if (parameter == 7) port[parameter] = std::clamp(port[parameter], 1.0, 2.0);
     }
     config.port.SetParams(port);
