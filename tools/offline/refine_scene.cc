@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 
 namespace rsfm {
 namespace {
@@ -35,10 +36,14 @@ class Refiner {
     report_.seconds_placing = Seconds(start);
     if (options_.navigate && !report_.interrupted) options_.navigate(&scene_);
     start = Now();
-    if (options_.guided && !report_.interrupted) AddMatchesAlongCurves();
+    std::optional<CorrespondenceGraph> with_guided;
+    if (options_.guided && !report_.interrupted) {
+      AddMatchesAlongCurves();
+      with_guided.emplace(scene_, pairs_);
+    }
     report_.seconds_matching += Seconds(start);
     start = Now();
-    const CorrespondenceGraph all_matches(scene_, pairs_);
+    const CorrespondenceGraph& all_matches = with_guided ? *with_guided : graph;
     // What is wrong with the matches goes first: a lens or port that is free would bend to it.
     if (RefinesCamera() && options_.settle_first) {
       BundleOptions calibrated = options_.bundle;
