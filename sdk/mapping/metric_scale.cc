@@ -41,8 +41,8 @@ struct OffsetSum {
 struct Placed {
   const Keyframe* keyframe = nullptr;
   NavSample nav;
-  Vec3 camera;  // NED axes, the map's unit
-  Vec3 lever;   // of the camera from the body, NED, m
+  Vec3 camera = Vec3::Zero();  // NED axes, the map's unit
+  Vec3 lever = Vec3::Zero();   // of the camera from the body, NED, m
 };
 
 Placed Place(const Keyframe& keyframe, const NavAid& nav, const Quat& ned_from_world) {
