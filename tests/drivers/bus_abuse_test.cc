@@ -47,11 +47,25 @@ class BusAbuseTest : public ::testing::Test {
     dvl.num_beams = 2;
     dvl.beam_range_m = dvl.beam_velocity_mps = {1.0, 2.0};
     dvl.beam_valid = {1, 1};
-    acfrlcm::auv_acfr_nav_t acfr = {};
-    acfr.heading = std::nan("");
-    return {Bytes(nav_t{}),  Bytes(dvl),     Bytes(ahrs_t{}), Bytes(depth_t{}),
-            Bytes(acfr),     Bytes(ctd_t{}), Bytes(fix_t{}),  Bytes(bot_core::pose_t{}),
-            Bytes(water_t{})};
+    dvl.valid = 0x7fffffff;
+    nav_t nav = {};
+    nav.valid = 0x7fffffff;
+    nav.ned_from_body_q[0] = 1.0;
+    ahrs_t ahrs = {};
+    ahrs.valid = 0x7fffffff;
+    ahrs.ned_from_body_q[0] = 1.0;
+    depth_t depth = {};
+    depth.valid = 1;
+    ctd_t ctd = {};
+    ctd.valid = 0x7fffffff;
+    ctd.temperature_c = 8.0;
+    ctd.salinity_psu = 35.0;
+    fix_t fix = {};
+    fix.valid = 0x7fffffff;
+    bot_core::pose_t pose = {};
+    pose.orientation[0] = 1.0;
+    return {Bytes(nav), Bytes(dvl), Bytes(ahrs), Bytes(depth),    Bytes(acfrlcm::auv_acfr_nav_t{}),
+            Bytes(ctd), Bytes(fix), Bytes(pose), Bytes(water_t{})};
   }
 
   Rig rig_;
@@ -74,31 +88,77 @@ TEST_F(BusAbuseTest, EveryTypeOnEveryChannelCutAndWhole) {
   EXPECT_TRUE(samples_.empty());
 }
 
+// The place in OneOfEach() of what an input listens for.
+std::size_t TypeOf(const BusInput& input) {
+  switch (input.type) {
+    case InputType::kNav:
+      return 0;
+    case InputType::kDvl:
+      return 1;
+    case InputType::kAhrs:
+      return 2;
+    case InputType::kDepth:
+      return 3;
+    case InputType::kAcfrNav:
+      return 4;
+    case InputType::kCtd:
+      return 5;
+    case InputType::kFix:
+      return 6;
+    case InputType::kBotCorePose:
+      return 7;
+  }
+  return 0;
+}
+
+// A whole message of another type has the wrong fingerprint, nothing else is wrong with it.
+TEST_F(BusAbuseTest, EveryOtherTypeOnEveryChannelIsMalformed) {
+  const auto messages = OneOfEach();
+  for (const BusInput& input : rig_.bus.inputs) {
+    const auto before = bus_->counters();
+    for (const auto& message : messages) ASSERT_TRUE(bus_->PublishRaw(input.channel, message));
+    Drain();
+    const auto after = bus_->counters();
+    EXPECT_EQ(after.received - before.received, static_cast<std::int64_t>(messages.size()));
+    EXPECT_EQ(after.malformed - before.malformed, static_cast<std::int64_t>(messages.size()) - 1)
+        << input.channel;
+  }
+}
+
+void ExpectFinite(const NavSample& s, const std::string& channel) {
+  EXPECT_TRUE(!s.Has(NavField::kPosition) || s.position_ned_m.allFinite()) << channel;
+  EXPECT_TRUE(!s.Has(NavField::kVelocity) || s.velocity_body_mps.allFinite()) << channel;
+  EXPECT_TRUE(!s.Has(NavField::kAttitude) || std::abs(s.ned_from_body.norm() - 1.0) < 1e-9)
+      << channel;
+  EXPECT_TRUE(!s.Has(NavField::kDepth) || std::isfinite(s.depth_m)) << channel;
+  EXPECT_TRUE(!s.Has(NavField::kAltitude) || std::isfinite(s.altitude_m)) << channel;
+  EXPECT_TRUE(!s.Has(NavField::kWater) || std::isfinite(s.temperature_c + s.salinity_psu))
+      << channel;
+}
+
+// Each type on its channel, right but for one to four bytes behind the fingerprint.
 TEST_F(BusAbuseTest, BytesTurnedAroundNeverBecomeNumbersThatAreNone) {
   Rng rng(9);
-  nav_t nav = {};
-  nav.utime = 1;
-  nav.valid = 0x7fffffff;
-  nav.ned_from_body_q[0] = 1.0;
-  const auto good = Bytes(nav);
-  for (int i = 0; i < 20'000; ++i) {
-    auto bytes = good;
-    for (int k = 0; k < 1 + i % 4; ++k) {
-      bytes[static_cast<std::size_t>(rng.Uniform(8.0, static_cast<double>(bytes.size()) - 0.01))] =
-          static_cast<std::uint8_t>(rng.Uniform(0.0, 255.99));
+  const auto messages = OneOfEach();
+  std::size_t num_samples = 0;
+  for (const BusInput& input : rig_.bus.inputs) {
+    const auto& good = messages[TypeOf(input)];
+    for (int i = 0; i < 4000; ++i) {
+      auto bytes = good;
+      for (int k = 0; k < 1 + i % 4; ++k) {
+        bytes[static_cast<std::size_t>(
+            rng.Uniform(8.0, static_cast<double>(bytes.size()) - 0.01))] =
+            static_cast<std::uint8_t>(rng.Uniform(0.0, 255.99));
+      }
+      ASSERT_TRUE(bus_->PublishRaw(input.channel, bytes));
+      if (i % 32 == 31) Drain();
     }
-    ASSERT_TRUE(bus_->PublishRaw("RSFM_NAV", bytes));
     Drain();
+    for (const NavSample& s : samples_) ExpectFinite(s, input.channel);
+    num_samples += samples_.size();
+    samples_.clear();
   }
-  EXPECT_GT(samples_.size(), 1000u);
-  for (const NavSample& s : samples_) {
-    EXPECT_TRUE(!s.Has(NavField::kPosition) || s.position_ned_m.allFinite());
-    EXPECT_TRUE(!s.Has(NavField::kVelocity) || s.velocity_body_mps.allFinite());
-    EXPECT_TRUE(!s.Has(NavField::kAttitude) || std::abs(s.ned_from_body.norm() - 1.0) < 1e-9);
-    EXPECT_TRUE(!s.Has(NavField::kDepth) || std::isfinite(s.depth_m));
-    EXPECT_TRUE(!s.Has(NavField::kAltitude) || std::isfinite(s.altitude_m));
-    EXPECT_TRUE(!s.Has(NavField::kWater) || std::isfinite(s.temperature_c + s.salinity_psu));
-  }
+  EXPECT_GT(num_samples, 8000u);
 }
 
 // Pages in memory now; 0 where /proc does not say.
@@ -111,20 +171,25 @@ long ResidentPages() {
   return resident;
 }
 
-// A second of 10 kHz of rubbish on each channel between good messages: each good one is there, and
-// right; and nothing grows.
+// A second of 10 kHz on each channel, by turns of rubbish, cut messages, and whole ones of another
+// type, between good messages: each good one is there, and right; and nothing grows.
 TEST_F(BusAbuseTest, AFloodBetweenGoodMessages) {
   Rng rng(4);
   std::vector<std::uint8_t> rubbish(300);
   for (auto& byte : rubbish) byte = static_cast<std::uint8_t>(rng.Uniform(0.0, 255.99));
+  const auto messages = OneOfEach();
   constexpr int kGood = 100, kFlood = 10'000;
   std::int64_t num_rubbish = 0;
   [[maybe_unused]] long pages_early = 0;
   for (int i = 0; i < kGood; ++i) {
     ASSERT_TRUE(bus_->PublishRaw("RSFM_DEPTH", GoodDepth(1000 * i)));
     for (const BusInput& input : rig_.bus.inputs) {
+      const auto& whole = messages[TypeOf(input)];
+      const auto& other = messages[(TypeOf(input) + 1) % messages.size()];
+      const std::span<const std::uint8_t> kinds[] = {rubbish, other,
+                                                     std::span(whole).first(whole.size() - 1)};
       for (int k = 0; k < kFlood / kGood; ++k, ++num_rubbish)
-        ASSERT_TRUE(bus_->PublishRaw(input.channel, rubbish));
+        ASSERT_TRUE(bus_->PublishRaw(input.channel, kinds[k % 3]));
     }
     Drain();
     if (i == kGood / 4) pages_early = ResidentPages();

@@ -36,7 +36,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   using namespace rsfm;
   if (size == 0) return 0;
   const std::span<const std::uint8_t> data(bytes + 1, size - 1);
-  switch (bytes[0] % 14) {
+  switch (bytes[0] % 20) {
     case 0:
       ConvertAs(InputType::kNav, Convention::kRsfm, data);
       break;
@@ -76,7 +76,25 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
     case 12:
       RoundTrip<dvl_t>(data);
       break;
-    default:
+    case 14:
+      RoundTrip<water_t>(data);
+      break;
+    case 15:
+      RoundTrip<nav_t>(data);
+      break;
+    case 16:
+      RoundTrip<ahrs_t>(data);
+      break;
+    case 17:
+      RoundTrip<fix_t>(data);
+      break;
+    case 18:
+      RoundTrip<bot_core::pose_t>(data);
+      break;
+    case 19:
+      RoundTrip<acfrlcm::auv_acfr_nav_t>(data);
+      break;
+    default:  // 13
       ConvertAs(InputType::kAcfrNav, Convention::kAcfr, data);
       break;
   }
