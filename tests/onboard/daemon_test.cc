@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <set>
 
 #include "rsfm/base/rng.h"
 #include "rsfm/io/atomic_output.h"
@@ -245,27 +246,33 @@ void WaitAMillisecond() {
   ::nanosleep(&duration, nullptr);
 }
 
-// utime of every pose in a log with the time at which it was written there.
-std::vector<std::pair<Utime, Utime>> PosesOf(const fs::path& log) {
-  std::vector<std::pair<Utime, Utime>> poses;
+// What a log holds, in its order, each event with the time at which it was written there.
+std::vector<LogEvent> EventsOf(const fs::path& log) {
+  std::vector<LogEvent> events;
   auto reader = EventLogReader::Open(log);
   EXPECT_TRUE(reader) << ToString(reader.error());
   LogEvent event;
-  pose_t pose;
-  while (reader && reader->Next(&event).value_or(false)) {
-    if (event.channel == "RSFM_POSE" && Decode(event.data, &pose))
-      poses.emplace_back(event.utime, pose.utime);
-  }
-  return poses;
+  while (reader && reader->Next(&event).value_or(false)) events.push_back(event);
+  return events;
 }
 
-// Killed when the log has grown to a random size. What was in the file is in the mission; what was
-// published more than a second before the last publication (the bus is a file here) is in it, too;
-// and what there is of it is refined. RSFM_KILLS says how often.
+template <class Message>
+std::vector<Message> MessagesOf(const std::vector<LogEvent>& events, const std::string& channel) {
+  std::vector<Message> messages;
+  for (const LogEvent& event : events) {
+    Message message;
+    if (event.channel == channel && Decode(event.data, &message)) messages.push_back(message);
+  }
+  return messages;
+}
+
+// Killed up to 0.6 s after the log has grown to a random size. What was in the file is in the
+// mission; everything published more than a second before the last publication (the bus is a file
+// here) is in it, too; and what there is of it is refined. RSFM_KILLS says how often.
 TEST_F(DaemonTest, AKilledMissionOpens) {
   const char* runs_text = std::getenv("RSFM_KILLS");
   const int runs = runs_text != nullptr ? std::atoi(runs_text) : 4;
-  int num_refined = 0;
+  int num_refined = 0, num_compared = 0;
   Rng rng(17);
   for (int i = 0; i < runs; ++i) {
     const fs::path out = folder_.path() / ("killed" + std::to_string(i));
@@ -279,6 +286,7 @@ TEST_F(DaemonTest, AKilledMissionOpens) {
       WaitAMillisecond();
       size = SizeOf(out / "events.lcm");
     }
+    for (int k = static_cast<int>(rng.Uniform(0.0, 600.0)); k > 0; --k) WaitAMillisecond();
     process.Kill(SIGKILL);
     process.Wait();
     const auto mission = ReadMission(out);
@@ -291,12 +299,16 @@ TEST_F(DaemonTest, AKilledMissionOpens) {
     }
     EXPECT_GE(bytes, static_cast<std::int64_t>(size));
     EXPECT_EQ(mission->images.size(), 12u);
-    const auto poses = PosesOf(published);
-    for (const auto& [when, utime] : poses) {
-      if (when > poses.back().first - 1'000'000) break;
-      EXPECT_TRUE(std::any_of(mission->poses.begin(), mission->poses.end(),
-                              [utime = utime](const pose_t& pose) { return pose.utime == utime; }))
-          << "run " << i;
+    std::set<std::pair<std::string, std::vector<std::uint8_t>>> logged;
+    for (const LogEvent& event : EventsOf(out / "events.lcm"))
+      logged.emplace(event.channel, event.data);
+    const auto events = EventsOf(published);
+    for (const LogEvent& event : events) {
+      if (event.utime > events.back().utime - 1'000'000) break;
+      ++num_compared;
+      EXPECT_TRUE(logged.contains({event.channel, event.data}))
+          << "run " << i << ": " << event.channel << " " << events.back().utime - event.utime
+          << " us before the end";
     }
     if (mission->keyframes.size() < 4) continue;
     ++num_refined;
@@ -305,6 +317,37 @@ TEST_F(DaemonTest, AKilledMissionOpens) {
     EXPECT_EQ(refined.exit_code, 0) << refined.err;
   }
   EXPECT_GT(num_refined, 0);
+  EXPECT_GT(num_compared, 0);
+}
+
+// The mission on a file system of 150 kB that is full after a few images.
+TEST_F(DaemonTest, AFullFileSystemEndsTheLogAndNotThePoses) {
+  const fs::path small = folder_.path() / "small", published = folder_.path() / "published";
+  fs::create_directories(small);
+  const std::string in_namespace = "unshare -rm sh -c ";
+  const std::string mount = "mount -t tmpfs -o size=150k tmpfs " + small.string();
+  if (RunProgram(in_namespace + "'" + mount + "'").exit_code != 0)
+    GTEST_SKIP() << "a file system may not be mounted here";
+  const std::string onboard = std::string(RSFM_ONBOARD) + " " + (Images() / "rig.yaml").string() +
+                              " --lcm-url file://" + published.string() + "?mode=w --replay " +
+                              Images().string() + " --rate 0 --out " + (small / "mission").string();
+  const auto result = RunProgram(in_namespace + "'" + mount + " && { \"$@\"; code=$?; cp -rP " +
+                                 (small / "mission").string() + " " + Out().string() +
+                                 "; exit $code; }' sh " + onboard);
+  EXPECT_EQ(result.exit_code, 1) << result.err;
+  EXPECT_THAT(result.err, HasSubstr("events are missing"));
+  const auto events = EventsOf(published);
+  EXPECT_EQ(MessagesOf<pose_t>(events, "RSFM_POSE").size(), 12u);
+  const auto statuses = MessagesOf<status_t>(events, "RSFM_STATUS");
+  ASSERT_FALSE(statuses.empty());
+  EXPECT_THAT(statuses.back().message, HasSubstr("log cannot be written"));
+  EXPECT_GT(statuses.back().log_errors, 0);
+  EXPECT_LT(statuses.back().disk_free_bytes, 100'000);
+  const auto mission = ReadMission(Out());
+  ASSERT_TRUE(mission) << ToString(mission.error());
+  EXPECT_EQ(mission->log.num_damaged, 0);
+  EXPECT_GT(mission->poses.size(), 0u);
+  EXPECT_LT(mission->poses.size(), 12u);
 }
 
 TEST_F(DaemonTest, SigtermClosesTheMission) {
