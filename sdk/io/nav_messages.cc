@@ -1,7 +1,9 @@
 #include "rsfm/io/nav_messages.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <iterator>
 
 #include "rsfm/io/tables.h"
 #include "rsfm/navigation/lever_arm.h"
@@ -14,11 +16,13 @@ constexpr double kUnknownSigma = 1e4;
 
 Vec3 ToVec3(const double (&values)[3]) { return {values[0], values[1], values[2]}; }
 
+bool IsFinite(const double (&values)[9]) {
+  return std::all_of(std::begin(values), std::end(values),
+                     [](double v) { return std::isfinite(v); });
+}
+
 // Roots of a row-major 3x3 covariance's diagonal; false when it is none.
 bool Sigmas(const double (&covariance)[9], Vec3* sigma) {
-  for (int i = 0; i < 9; ++i) {
-    if (!std::isfinite(covariance[i])) return false;
-  }
   const Vec3 diagonal(covariance[0], covariance[4], covariance[8]);
   if ((diagonal.array() < 0.0).any()) return false;
   *sigma = diagonal.cwiseSqrt();
@@ -35,8 +39,6 @@ bool ToQuat(const double (&wxyz)[4], Quat* q) {
   *q = value.normalized();
   return true;
 }
-
-bool IsSigma(double sigma) { return std::isfinite(sigma) && sigma >= 0.0; }
 
 template <class Message>
 NavDecode DecodeAndConvert(NavConverter* converter, std::span<const std::uint8_t> data,
@@ -59,6 +61,30 @@ std::optional<Geodetic> NavConverter::origin() const {
 
 bool NavConverter::HasAttitude(Utime utime) const {
   return has_attitude_ && std::abs(utime - attitude_utime_) <= kMaxAttitudeAgeUs;
+}
+
+bool NavConverter::Reject(NavReject reason) {
+  ++rejected_[static_cast<std::size_t>(reason)];
+  return false;
+}
+
+bool NavConverter::TakeFinite(bool is_finite) { return is_finite || Reject(NavReject::kNotFinite); }
+
+bool NavConverter::Take(const Vec3& value, const double (&covariance)[9], Vec3* sigma) {
+  return TakeFinite(value.allFinite() && IsFinite(covariance)) &&
+         (Sigmas(covariance, sigma) || Reject(NavReject::kSentinel));
+}
+
+bool NavConverter::Take(double value, double sigma) {
+  return TakeFinite(std::isfinite(value) && std::isfinite(sigma)) &&
+         (sigma >= 0.0 || Reject(NavReject::kSentinel));
+}
+
+bool NavConverter::Take(const double (&wxyz)[4], const double (&covariance)[9], Quat* q,
+                        Vec3* sigma) {
+  return TakeFinite(Vec4::Map(wxyz).allFinite() && IsFinite(covariance)) &&
+         (ToQuat(wxyz, q) || Reject(NavReject::kOutOfRange)) &&
+         (Sigmas(covariance, sigma) || Reject(NavReject::kSentinel));
 }
 
 NavDecode NavConverter::Convert(const BusInput& input, std::span<const std::uint8_t> data,
@@ -91,36 +117,36 @@ bool NavConverter::Convert(const nav_t& m, NavSample* sample) {
   NavSample s;
   s.utime = m.utime;
   const auto has = [&](int bit) { return (m.valid & bit) != 0; };
-  if (has(nav_t::VALID_POSITION) && ToVec3(m.position_ned_m).allFinite() &&
-      Sigmas(m.position_cov_m2, &s.sigma_position_m)) {
+  if (has(nav_t::VALID_POSITION) &&
+      Take(ToVec3(m.position_ned_m), m.position_cov_m2, &s.sigma_position_m)) {
     s.position_ned_m = ToVec3(m.position_ned_m);
     s.Set(NavField::kPosition);
   }
-  if (has(nav_t::VALID_ATTITUDE) && ToQuat(m.ned_from_body_q, &s.ned_from_body) &&
-      Sigmas(m.attitude_cov_rad2, &s.sigma_attitude_rad)) {
+  if (has(nav_t::VALID_ATTITUDE) &&
+      Take(m.ned_from_body_q, m.attitude_cov_rad2, &s.ned_from_body, &s.sigma_attitude_rad)) {
     s.Set(NavField::kAttitude);
     ned_from_body_ = s.ned_from_body;
     rotation_rate_radps_.setZero();
     attitude_utime_ = m.utime;
     has_attitude_ = true;
   }
-  if (has(nav_t::VALID_VELOCITY) && ToVec3(m.velocity_body_mps).allFinite() &&
-      Sigmas(m.velocity_cov_m2ps2, &s.sigma_velocity_mps)) {
+  if (has(nav_t::VALID_VELOCITY) &&
+      Take(ToVec3(m.velocity_body_mps), m.velocity_cov_m2ps2, &s.sigma_velocity_mps)) {
     s.velocity_body_mps = ToVec3(m.velocity_body_mps);
     s.Set(NavField::kVelocity);
   }
-  if (has(nav_t::VALID_DEPTH) && std::isfinite(m.depth_m) && IsSigma(m.depth_sigma_m)) {
+  if (has(nav_t::VALID_DEPTH) && Take(m.depth_m, m.depth_sigma_m)) {
     s.depth_m = m.depth_m;
     s.sigma_depth_m = m.depth_sigma_m;
     s.Set(NavField::kDepth);
     depth_m_ = s.depth_m;
   }
-  if (has(nav_t::VALID_ALTITUDE) && std::isfinite(m.altitude_m) && IsSigma(m.altitude_sigma_m)) {
+  if (has(nav_t::VALID_ALTITUDE) && Take(m.altitude_m, m.altitude_sigma_m)) {
     s.altitude_m = m.altitude_m;
     s.sigma_altitude_m = m.altitude_sigma_m;
     s.Set(NavField::kAltitude);
   }
-  if (has(nav_t::VALID_WATER) && std::isfinite(m.temperature_c) && std::isfinite(m.salinity_psu)) {
+  if (has(nav_t::VALID_WATER) && Take(m.temperature_c, 0.0) && Take(m.salinity_psu, 0.0)) {
     s.temperature_c = m.temperature_c;
     s.salinity_psu = m.salinity_psu;
     s.Set(NavField::kWater);
@@ -133,14 +159,14 @@ bool NavConverter::Convert(const nav_t& m, NavSample* sample) {
 bool NavConverter::Convert(const dvl_t& m, NavSample* sample) {
   NavSample s;
   s.utime = m.utime;
-  if ((m.valid & dvl_t::VALID_VELOCITY) != 0 && ToVec3(m.velocity_body_mps).allFinite() &&
-      Sigmas(m.velocity_cov_m2ps2, &s.sigma_velocity_mps)) {
+  if ((m.valid & dvl_t::VALID_VELOCITY) != 0 &&
+      Take(ToVec3(m.velocity_body_mps), m.velocity_cov_m2ps2, &s.sigma_velocity_mps)) {
     const Vec3 rate = HasAttitude(m.utime) ? rotation_rate_radps_ : Vec3::Zero();
     s.velocity_body_mps = BodyVelocity(ToVec3(m.velocity_body_mps), rate, sensors_.dvl_in_body_m);
     s.Set(NavField::kVelocity);
   }
-  if ((m.valid & dvl_t::VALID_ALTITUDE) != 0 && std::isfinite(m.altitude_m) && m.altitude_m > 0.0 &&
-      IsSigma(m.altitude_sigma_m)) {
+  if ((m.valid & dvl_t::VALID_ALTITUDE) != 0 && Take(m.altitude_m, m.altitude_sigma_m) &&
+      (m.altitude_m > 0.0 || Reject(NavReject::kSentinel))) {
     const Quat attitude = HasAttitude(m.utime) ? ned_from_body_ : Quat::Identity();
     s.altitude_m = m.altitude_m + (attitude * sensors_.dvl_in_body_m).z();
     s.sigma_altitude_m = m.altitude_sigma_m;
@@ -154,8 +180,8 @@ bool NavConverter::Convert(const dvl_t& m, NavSample* sample) {
 bool NavConverter::Convert(const ahrs_t& m, NavSample* sample) {
   NavSample s;
   s.utime = m.utime;
-  if ((m.valid & ahrs_t::VALID_ATTITUDE) == 0 || !ToQuat(m.ned_from_body_q, &s.ned_from_body) ||
-      !Sigmas(m.attitude_cov_rad2, &s.sigma_attitude_rad)) {
+  if ((m.valid & ahrs_t::VALID_ATTITUDE) == 0 ||
+      !Take(m.ned_from_body_q, m.attitude_cov_rad2, &s.ned_from_body, &s.sigma_attitude_rad)) {
     return false;
   }
   s.Set(NavField::kAttitude);
@@ -170,7 +196,7 @@ bool NavConverter::Convert(const ahrs_t& m, NavSample* sample) {
 }
 
 bool NavConverter::Convert(const depth_t& m, NavSample* sample) {
-  if (m.valid == 0 || !std::isfinite(m.depth_m) || !IsSigma(m.sigma_m)) return false;
+  if (m.valid == 0 || !Take(m.depth_m, m.sigma_m)) return false;
   NavSample s;
   s.utime = m.utime;
   const Quat attitude = HasAttitude(m.utime) ? ned_from_body_ : Quat::Identity();
@@ -183,11 +209,11 @@ bool NavConverter::Convert(const depth_t& m, NavSample* sample) {
 }
 
 bool NavConverter::Convert(const ctd_t& m, NavSample* sample) {
-  if ((m.valid & ctd_t::VALID_TEMPERATURE) != 0 && std::isfinite(m.temperature_c)) {
+  if ((m.valid & ctd_t::VALID_TEMPERATURE) != 0 && Take(m.temperature_c, 0.0)) {
     temperature_c_ = m.temperature_c;
     has_temperature_ = true;
   }
-  if ((m.valid & ctd_t::VALID_SALINITY) != 0 && std::isfinite(m.salinity_psu)) {
+  if ((m.valid & ctd_t::VALID_SALINITY) != 0 && Take(m.salinity_psu, 0.0)) {
     salinity_psu_ = m.salinity_psu;
     has_salinity_ = true;
   }
@@ -204,19 +230,19 @@ bool NavConverter::Convert(const ctd_t& m, NavSample* sample) {
 bool NavConverter::Convert(const fix_t& m, NavSample* sample) {
   NavSample s;
   s.utime = m.utime;
-  const bool has_height = (m.valid & fix_t::VALID_HEIGHT) != 0 && std::isfinite(m.height_m);
-  if ((m.valid & fix_t::VALID_HORIZONTAL) == 0 || !std::isfinite(m.latitude_deg) ||
-      !std::isfinite(m.longitude_deg) || !Sigmas(m.position_cov_m2, &s.sigma_position_m)) {
+  const bool has_height = (m.valid & fix_t::VALID_HEIGHT) != 0 && Take(m.height_m, 0.0);
+  if ((m.valid & fix_t::VALID_HORIZONTAL) == 0 ||
+      !Take(Vec3(m.latitude_deg, m.longitude_deg, 0.0), m.position_cov_m2, &s.sigma_position_m)) {
     return false;
   }
   const double known_height = frame_ ? frame_->origin().height_m : 0.0;
   const Geodetic place{m.latitude_deg, m.longitude_deg, has_height ? m.height_m : known_height};
   if (!frame_) {
     auto frame = LocalFrame::Create(place);
-    if (!frame) return false;
+    if (!frame) return Reject(NavReject::kOutOfRange);
     frame_ = *frame;
   } else if (!LocalFrame::Create(place)) {
-    return false;
+    return Reject(NavReject::kOutOfRange);
   }
   const Quat attitude = HasAttitude(m.utime) ? ned_from_body_ : Quat::Identity();
   s.position_ned_m = frame_->NedFromGeodetic(place) - attitude * sensors_.position_in_body_m;
@@ -233,10 +259,11 @@ bool NavConverter::Convert(const bot_core::pose_t& m, Convention convention, Nav
   NavSample s;
   Quat local_from_body;
   const Vec3 position = ToVec3(m.pos), velocity = ToVec3(m.vel);
-  if (convention == Convention::kRsfm || !ToQuat(m.orientation, &local_from_body) ||
-      !position.allFinite() || !velocity.allFinite()) {
+  if (convention == Convention::kRsfm || !TakeFinite(position.allFinite() && velocity.allFinite() &&
+                                                     Vec4::Map(m.orientation).allFinite())) {
     return false;
   }
+  if (!ToQuat(m.orientation, &local_from_body)) return Reject(NavReject::kOutOfRange);
   // East-north-up to north-east-down, and forward-left-up to forward-right-down: half turns.
   const double half = std::sqrt(0.5);
   const Quat ned_from_enu(0.0, half, half, 0.0);
@@ -260,10 +287,9 @@ bool NavConverter::Convert(const bot_core::pose_t& m, Convention convention, Nav
 bool NavConverter::Convert(const acfrlcm::auv_acfr_nav_t& m, NavSample* sample) {
   NavSample s;
   const Vec3 position(m.x, m.y, m.depth), velocity(m.vx, m.vy, m.vz);
-  if (!position.allFinite() || !velocity.allFinite() ||
-      !Vec3(m.roll, m.pitch, m.heading).allFinite()) {
-    return false;
-  }
+  const bool is_finite =
+      position.allFinite() && velocity.allFinite() && Vec3(m.roll, m.pitch, m.heading).allFinite();
+  if (!TakeFinite(is_finite)) return false;
   s.utime = m.utime;
   s.position_ned_m = position;
   s.ned_from_body = QuatFromRollPitchHeading(m.roll, m.pitch, m.heading);

@@ -1,6 +1,7 @@
 // Navigation messages to samples of the body's origin, and back.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -8,6 +9,7 @@
 #include "rsfm/io/messages.h"
 #include "rsfm/io/rig.h"
 #include "rsfm/navigation/local_frame.h"
+#include "rsfm/navigation/nav_buffer.h"
 #include "rsfm/navigation/nav_sample.h"
 
 namespace rsfm {
@@ -40,13 +42,25 @@ class NavConverter {
   bool Convert(const bot_core::pose_t& message, Convention convention, NavSample* sample);
   bool Convert(const acfrlcm::auv_acfr_nav_t& message, NavSample* sample);
 
+  // Fields that were marked as valid and are not: not finite, a sentinel (a negative covariance, a
+  // range of 0), no rotation, no place on earth.
+  std::uint64_t rejected(NavReject reason) const {
+    return rejected_[static_cast<std::size_t>(reason)];
+  }
+
   // The origin of NED: the rig's, or else the first fix's.
   std::optional<Geodetic> origin() const;
 
  private:
   bool HasAttitude(Utime utime) const;
+  bool Reject(NavReject reason);  // counts; false
+  bool Take(const Vec3& value, const double (&covariance)[9], Vec3* sigma);
+  bool Take(double value, double sigma);
+  bool Take(const double (&wxyz)[4], const double (&covariance)[9], Quat* q, Vec3* sigma);
+  bool TakeFinite(bool is_finite);
 
   SensorPlaces sensors_;
+  std::array<std::uint64_t, kNumNavRejects> rejected_{};
   std::optional<LocalFrame> frame_;
   Utime attitude_utime_ = 0;
   bool has_attitude_ = false;

@@ -70,11 +70,18 @@ Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noe
   if (const Status status = Check(frame); !status) return tl::unexpected(status.error());
   BeginReport(frame.utime);
   FollowWater(frame.utime);
+  has_seen_ |= !frame.features.empty();
   const SlotId keyframe = StoreKeyframe(frame);
   if (!has_world()) {
     Initialise(keyframe);
-    return report_;
+  } else {
+    Continue(frame, keyframe);
   }
+  AnnounceJump();
+  return report_;
+}
+
+void IncrementalMapper::Continue(const FrameObservations& frame, SlotId keyframe) noexcept {
   const FrameView view{frame.features, frame.descriptors};
   if (const auto placement = PlaceFrame(view, keyframe)) {
     Accept(*placement, keyframe);
@@ -87,7 +94,6 @@ Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noe
     CoastOn(frame.utime);
     if (frames_lost_ >= FramesBeforeRestart()) Initialise(keyframe);
   }
-  return report_;
 }
 
 Status IncrementalMapper::Check(const FrameObservations& frame) const noexcept {
@@ -109,6 +115,7 @@ void IncrementalMapper::BeginReport(Utime utime) noexcept {
   StepReport next;
   next.state = report_.state;
   next.reset_counter = report_.reset_counter;
+  next.world = report_.world;
   next.scale_is_metric = report_.scale_is_metric;
   next.world_is_ned = report_.world_is_ned;
   report_ = next;
@@ -151,7 +158,7 @@ SlotId IncrementalMapper::StoreKeyframe(const FrameObservations& frame) noexcept
   Keyframe keyframe;
   keyframe.id = next_keyframe_id_;
   keyframe.nav = nav_.buffer().At(frame.utime);
-  keyframe.reset_counter = report_.reset_counter;
+  keyframe.world = report_.world;
   const std::optional<SlotId> id = map_.AddKeyframe(frame, keyframe);
   if (!id) return {};
   ++next_keyframe_id_;
@@ -182,15 +189,15 @@ void IncrementalMapper::CollectKeyframes(bool placed, int count, SlotId except) 
 
 // Whether a pose may be true, given what navigation says has happened since the last placed frame.
 bool IncrementalMapper::IsPlausible(const Placement& placement) const noexcept {
-  Mat6 covariance;
-  const std::optional<Rigid3> predicted = Predict(last_utime_, &covariance);
+  const std::optional<KnownPose> predicted = Predict(last_utime_);
   if (!predicted) return true;
-  const Vec3 miss = placement.camera_from_world.OriginOfTarget() - predicted->OriginOfTarget();
-  const double moved =
-      (predicted->OriginOfTarget() - last_camera_from_world_.OriginOfTarget()).norm();
-  const double angle = AngleBetween(placement.camera_from_world.rotation, predicted->rotation);
-  const double sigma_m = std::sqrt(covariance.bottomRightCorner<3, 3>().trace());
-  const double sigma_rad = std::sqrt(covariance.topLeftCorner<3, 3>().trace());
+  const Vec3 at = predicted->camera_from_world.OriginOfTarget();
+  const Vec3 miss = placement.camera_from_world.OriginOfTarget() - at;
+  const double moved = (at - base_.camera_from_world.OriginOfTarget()).norm();
+  const double angle =
+      AngleBetween(placement.camera_from_world.rotation, predicted->camera_from_world.rotation);
+  const double sigma_m = std::sqrt(predicted->covariance.bottomRightCorner<3, 3>().trace());
+  const double sigma_rad = std::sqrt(predicted->covariance.topLeftCorner<3, 3>().trace());
   return miss.norm() < 0.1 + 0.1 * moved + 6.0 * sigma_m && angle < 0.05 + 6.0 * sigma_rad;
 }
 
@@ -212,8 +219,9 @@ Expected<Placement> IncrementalMapper::PlaceFrame(const FrameView& frame,
   placer_.MatchWith(map_, frame, candidates_.span());
   if (consider(placer_.Place(map_, frame, seed)) || frame.descriptors.count == 0) return best;
 
-  if (const auto predicted = Predict(last_utime_, nullptr)) {
-    if (consider(placer_.PlaceNear(map_, frame, *predicted, options_.guided_radius_px, seed)))
+  if (const auto predicted = Predict(last_utime_)) {
+    if (consider(placer_.PlaceNear(map_, frame, predicted->camera_from_world,
+                                   options_.guided_radius_px, seed)))
       return best;
   }
   // The newest again, and the most similar of the older.
@@ -258,9 +266,7 @@ void IncrementalMapper::Accept(const Placement& placement, SlotId keyframe) noex
   }
   has_world_ = true;
   frames_lost_ = 0;
-  last_placed_utime_ = last_utime_;
-  last_camera_from_world_ = report_.camera_from_world;
-  last_covariance_ = report_.covariance;
+  base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
 }
 
 void IncrementalMapper::Extend(SlotId keyframe) noexcept {
@@ -284,8 +290,9 @@ void IncrementalMapper::AdjustWindow(SlotId keyframe) noexcept {
 // The keyframe's pose is the frame's.
 void IncrementalMapper::TakeNewest(SlotId keyframe) noexcept {
   const Keyframe& newest = map_.keyframe(keyframe);
-  report_.camera_from_world = last_camera_from_world_ = newest.camera_from_world;
-  report_.covariance = last_covariance_ = newest.covariance;
+  report_.camera_from_world = newest.camera_from_world;
+  report_.covariance = newest.covariance;
+  base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
 }
 
 // A world without scale or place gets them from navigation as soon as that has them: a jump, which
@@ -313,9 +320,15 @@ void IncrementalMapper::FindWorld(SlotId keyframe) noexcept {
   } else {
     return;
   }
-  ++report_.reset_counter;
-  for (const SlotId id : map_.keyframes()) map_.keyframe(id).reset_counter = report_.reset_counter;
+  BeginWorld();
+  for (const SlotId id : map_.keyframes()) map_.keyframe(id).world = report_.world;
   TakeNewest(keyframe);
+}
+
+// Whatever was said before is of another world.
+void IncrementalMapper::BeginWorld() noexcept {
+  report_.world = ++report_.reset_counter;
+  has_published_ = false;
 }
 
 // Keyframes that had no pose may share landmarks with the newest one.
@@ -338,36 +351,84 @@ void IncrementalMapper::PlaceWaiting(SlotId newest) noexcept {
     keyframe.is_placed = true;
     keyframe.camera_from_world = placement->camera_from_world;
     keyframe.covariance = placement->covariance + map_.keyframe(newest).covariance;
-    keyframe.reset_counter = report_.reset_counter;
+    keyframe.world = report_.world;
     Extend(id);
     report_.placed_late.TryPushBack(id);
   }
 }
 
-// Navigation's pose since the last placed frame, where there is navigation.
-std::optional<Rigid3> IncrementalMapper::Predict(Utime utime, Mat6* covariance) const noexcept {
+// Takes out of a displacement what the window knows of the log's scale and mounting, and adds how
+// well it knows them; nav_factor.h's (1 - s)(D + B m) for a body that does not turn far.
+void IncrementalMapper::CorrectVelocity(CameraMotion* motion) const noexcept {
+  const NavStates& states = adjuster_.nav_states();
+  const Mat6& covariance = adjuster_.nav_state_covariance();
+  const Mat3 camera_from_body = nav_.body_from_camera().rotation.conjugate().toRotationMatrix();
+  Vec3& moved = motion->start_from_end.translation;
+  const Vec3 misalignment = camera_from_body * states.segment<3>(kMisalignment);
+  moved = (1.0 - states[kVelocityScale]) * (moved + moved.cross(misalignment));
+  const Mat3 lever = Hat(moved) * camera_from_body;
+  motion->displacement_covariance_m2 +=
+      covariance(kVelocityScale, kVelocityScale) * moved * moved.transpose() +
+      lever * covariance.block<3, 3>(kMisalignment, kMisalignment) * lever.transpose();
+}
+
+// A known pose moved on by navigation, where there is navigation.
+std::optional<IncrementalMapper::KnownPose> IncrementalMapper::MoveOn(const KnownPose& from,
+                                                                      Utime utime) const noexcept {
   if (!report_.scale_is_metric) return std::nullopt;
-  const auto motion = nav_.Motion(last_placed_utime_, utime);
+  auto motion = nav_.Motion(from.utime, utime);
   if (!motion) return std::nullopt;
+  CorrectVelocity(&*motion);
   const Rigid3 end_from_start = motion->start_from_end.Inverse();
-  if (covariance != nullptr) {
-    const Mat6 adjoint = AdjointSe3(end_from_start);
-    Mat6 moved = Mat6::Zero();
-    moved.topLeftCorner<3, 3>() = motion->rotation_covariance_rad2;
-    const Mat3 end_from_start_rotation = end_from_start.rotation.toRotationMatrix();
-    moved.bottomRightCorner<3, 3>() = end_from_start_rotation * motion->displacement_covariance_m2 *
-                                      end_from_start_rotation.transpose();
-    *covariance = adjoint * last_covariance_ * adjoint.transpose() + moved;
+  const Mat6 adjoint = AdjointSe3(end_from_start);
+  Mat6 moved = Mat6::Zero();
+  moved.topLeftCorner<3, 3>() = motion->rotation_covariance_rad2;
+  const Mat3 rotation = end_from_start.rotation.toRotationMatrix();
+  moved.bottomRightCorner<3, 3>() =
+      rotation * motion->displacement_covariance_m2 * rotation.transpose();
+  return KnownPose{utime, end_from_start * from.camera_from_world,
+                   adjoint * from.covariance * adjoint.transpose() + moved};
+}
+
+// Navigation's pose since the last placed frame.
+std::optional<IncrementalMapper::KnownPose> IncrementalMapper::Predict(Utime utime) const noexcept {
+  return MoveOn(base_, utime);
+}
+
+// A pose that is not where the one before it and navigation put it, by their covariance, is a jump.
+// What is smaller than the floor is none for anybody.
+void IncrementalMapper::AnnounceJump() noexcept {
+  constexpr double kSigmas = 3.0, kFloor_m = 0.02, kFloor_rad = 0.005;
+  if (!report_.has_pose) return;
+  if (has_published_) {
+    if (const auto expected = MoveOn(published_, last_utime_)) {
+      const Rigid3 jump = report_.camera_from_world * expected->camera_from_world.Inverse();
+      const auto is_over = [](const Vec3& by, const Mat3& covariance, double floor) {
+        const Mat3 floored = covariance + floor * floor * Mat3::Identity();
+        return by.dot(floored.inverse() * by) > kSigmas * kSigmas;
+      };
+      const Mat6& covariance = expected->covariance;
+      if (is_over(LogSo3(jump.rotation), covariance.topLeftCorner<3, 3>(), kFloor_rad) ||
+          is_over(jump.translation, covariance.bottomRightCorner<3, 3>(), kFloor_m))
+        ++report_.reset_counter;
+    }
   }
-  return end_from_start * last_camera_from_world_;
+  published_ = {last_utime_, report_.camera_from_world, report_.covariance};
+  has_published_ = true;
 }
 
 void IncrementalMapper::CoastOn(Utime utime) noexcept {
+  constexpr Utime kRebaseUs = 20'000'000;  // navigation keeps at least twice as much
   ++frames_lost_;
-  if (const auto predicted = Predict(utime, &report_.covariance)) {
+  if (const auto predicted = Predict(utime)) {
     report_.state = MapperState::kDeadReckoning;
     report_.has_pose = true;
-    report_.camera_from_world = *predicted;
+    report_.camera_from_world = predicted->camera_from_world;
+    report_.covariance = predicted->covariance;
+    if (utime - next_base_.utime >= kRebaseUs) {
+      if (next_base_.utime > base_.utime) base_ = next_base_;
+      next_base_ = *predicted;
+    }
     return;
   }
   report_.state = frames_lost_ < options_.lost_frames_before_restart ? MapperState::kRelocalising
@@ -381,7 +442,7 @@ int IncrementalMapper::FramesBeforeRestart() const noexcept {
 }
 
 bool IncrementalMapper::Initialise(SlotId keyframe) noexcept {
-  if (!has_world()) report_.state = MapperState::kInitialising;
+  if (!has_world()) report_.state = has_seen_ ? MapperState::kInitialising : MapperState::kWaiting;
   if (!keyframe.valid()) return false;
   CollectKeyframes(false, options_.match_keyframes + options_.relocalise_keyframes, keyframe);
   const FrameView view{map_.features(keyframe), map_.descriptors(keyframe)};
@@ -403,9 +464,12 @@ void IncrementalMapper::PlacePair(const InitialPair& pair) noexcept {
   Mat6 covariance = Mat6::Zero();
   std::optional<Rigid3> start;
   if (has_world()) {
-    if (pair.is_metric) start = Predict(first.utime, &covariance);
-    if (!start) {
-      ++report_.reset_counter;
+    const auto bridged = pair.is_metric ? Predict(first.utime) : std::nullopt;
+    if (bridged) {
+      start = bridged->camera_from_world;
+      covariance = bridged->covariance;
+    } else {
+      BeginWorld();
       ForgetPlaced();
       adjuster_.Reset();
     }
@@ -425,7 +489,7 @@ void IncrementalMapper::PlacePair(const InitialPair& pair) noexcept {
   const Mat6 adjoint = AdjointSe3(pair.second_from_first);
   second.covariance = adjoint * first.covariance * adjoint.transpose() + pair.covariance;
   first.is_placed = second.is_placed = true;
-  first.reset_counter = second.reset_counter = report_.reset_counter;
+  first.world = second.world = report_.world;
   report_.placed_late.TryPushBack(pair.first);
   Accept({second.camera_from_world, second.covariance, pair.num_inliers, {}}, pair.second);
   placer_.ClearLandmarks();

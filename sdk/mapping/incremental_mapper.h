@@ -24,12 +24,12 @@
 namespace rsfm {
 
 enum class MapperState : std::uint8_t {  // values as in pose_t
-  kWaiting,                              // no image yet
+  kWaiting,                              // no image yet that shows anything
   kInitialising,                         // looking for a first pair with parallax
   kTracking,                             // placed by vision
   kDeadReckoning,  // the frame was not placed: the pose is navigation's since the last that was
   kRelocalising,   // not placed and no navigation: looking for known landmarks
-  kLost,           // the same, for lost_frames_before_restart frames or more
+  kLost,           // the same, for lost_frames_before_restart frames or more: a new map may begin
 };
 std::string_view ToString(MapperState state) noexcept;
 
@@ -42,7 +42,10 @@ struct StepReport {
   SlotId keyframe;                      // the frame's, where it became one, placed or not
   SlotId left_window;                   // a keyframe that adjustment will not move again, or none
   StaticVector<SlotId, 4> placed_late;  // keyframes of earlier frames that now have a pose
-  int reset_counter = 0;                // goes up when the world's frame jumps
+  // Goes up at every jump: of the world's frame, and of a pose that is farther from where the one
+  // before and navigation put it than three sigmas (of place or of rotation).
+  int reset_counter = 0;
+  int world = 0;  // reset_counter when this world began; Keyframe::world alike
   bool scale_is_metric = false;
   bool world_is_ned = false;  // else the first keyframe's camera
   int num_observed = 0, num_merged = 0, num_triangulated = 0, num_culled = 0;
@@ -101,7 +104,9 @@ class IncrementalMapper {
   void FollowWater(Utime utime) noexcept;
   SlotId StoreKeyframe(const FrameObservations& frame) noexcept;
   int FramesBeforeRestart() const noexcept;
+  void Continue(const FrameObservations& frame, SlotId keyframe) noexcept;
   bool Initialise(SlotId keyframe) noexcept;
+  void BeginWorld() noexcept;
   void PlacePair(const InitialPair& pair) noexcept;
   void ForgetPlaced() noexcept;
   bool IsPlausible(const Placement& placement) const noexcept;
@@ -114,7 +119,15 @@ class IncrementalMapper {
   void TakeNewest(SlotId keyframe) noexcept;
   void CoastOn(Utime utime) noexcept;
   void Evict() noexcept;
-  std::optional<Rigid3> Predict(Utime utime, Mat6* covariance) const noexcept;
+  struct KnownPose {
+    Utime utime = 0;
+    Rigid3 camera_from_world;
+    Mat6 covariance = Mat6::Zero();  // of the left perturbation
+  };
+  void CorrectVelocity(CameraMotion* motion) const noexcept;
+  std::optional<KnownPose> MoveOn(const KnownPose& from, Utime utime) const noexcept;
+  std::optional<KnownPose> Predict(Utime utime) const noexcept;
+  void AnnounceJump() noexcept;
   void CollectKeyframes(bool placed, int count, SlotId except) noexcept;
   bool has_world() const { return has_world_; }
 
@@ -134,9 +147,11 @@ class IncrementalMapper {
   Utime last_utime_ = 0;
   bool has_world_ = false;
   bool has_position_ = false;  // a fix says where the world is
-  Utime last_placed_utime_ = 0;
-  Rigid3 last_camera_from_world_;
-  Mat6 last_covariance_ = Mat6::Zero();
+  KnownPose base_;             // of the last placed frame; navigation is added to it
+  KnownPose next_base_;  // of a long outage: takes base_'s place before navigation forgets that
+  KnownPose published_;  // of the last frame that had a pose
+  bool has_published_ = false;
+  bool has_seen_ = false;  // an image with features
   int frames_lost_ = 0;
   std::uint64_t frame_count_ = 0;
 };

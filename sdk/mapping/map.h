@@ -41,7 +41,7 @@ struct Keyframe {
   NavSample nav;                   // at utime; what navigation had
   int num_features = 0;
   int num_landmarks = 0;  // features linked to a landmark
-  int reset_counter = 0;
+  int world = 0;          // StepReport's
 };
 
 class Map {

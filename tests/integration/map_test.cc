@@ -129,6 +129,54 @@ TEST_F(MapVerb, SameInputsSameBytes) {
   EXPECT_TRUE(Read(Out() / "events.lcm") == first);
 }
 
+// The log through the same code: the same bytes. With one navigation event altered: the first event
+// that differs is named.
+TEST_F(MapVerb, ReplaysItsOwnLog) {
+  ASSERT_EQ(Map(Simulated()).exit_code, 0);
+  const auto same = RunProgram(Tool("map --replay " + Out().string()));
+  EXPECT_EQ(same.exit_code, 0) << same.err;
+  EXPECT_NE(same.out.find("10 images, 10 poses"), std::string::npos) << same.out;
+  EXPECT_NE(same.out.find("the same to the last byte"), std::string::npos) << same.out;
+
+  // A velocity in the middle is 1 cm/s off.
+  const fs::path events = Out() / "events.lcm", aside = Out() / "altered";
+  auto reader = EventLogReader::Open(events);
+  auto writer = EventLogWriter::Create(aside);
+  ASSERT_TRUE(reader && writer);
+  std::int64_t altered = -1, next_pose = -1;
+  int num_poses = 0;
+  for (LogEvent event; *reader->Next(&event);) {
+    nav_t nav;
+    if (num_poses == 5 && altered < 0 && event.channel == "RSFM_NAV" && Decode(event.data, &nav) &&
+        (nav.valid & nav_t::VALID_VELOCITY) != 0) {
+      nav.velocity_body_mps[0] += 0.01;
+      ASSERT_TRUE(Encode(nav, &event.data));
+      altered = event.number;
+    }
+    num_poses += event.channel == "RSFM_POSE";
+    if (altered >= 0 && next_pose < 0 && event.channel == "RSFM_POSE") next_pose = event.number;
+    ASSERT_TRUE(writer->Append(event.channel, event.utime, event.data.data(), event.data.size()));
+  }
+  ASSERT_GE(altered, 0);
+  ASSERT_TRUE(writer->Close());
+  fs::rename(aside, events);
+  const auto other = RunProgram(Tool("map --replay " + Out().string()));
+  EXPECT_EQ(other.exit_code, 1) << other.out;
+  EXPECT_NE(other.err.find("event " + std::to_string(next_pose)), std::string::npos) << other.err;
+  EXPECT_NE(other.err.find("the pose differs by"), std::string::npos) << other.err;
+  EXPECT_NE(other.out.find("5 poses the same"), std::string::npos) << other.out;
+}
+
+TEST_F(MapVerb, ReplaysThatCannotBe) {
+  const auto missing = RunProgram(Tool("map --replay " + (folder_.path() / "none").string()));
+  EXPECT_EQ(missing.exit_code, 2) << missing.err;
+  const auto both =
+      RunProgram(Tool("map " + Simulated().string() + " --replay " + Simulated().string()));
+  EXPECT_EQ(both.exit_code, 2) << both.err;
+  EXPECT_NE(both.err.find("--replay"), std::string::npos) << both.err;
+  EXPECT_EQ(RunProgram(Tool("map " + Simulated().string())).exit_code, 2);  // no --out
+}
+
 TEST_F(MapVerb, WithoutNavigationSaysThatScaleIsUnknown) {
   // One image every hundred seconds: a list is no live feed, whose clock could be doubted.
   const auto result =

@@ -186,8 +186,12 @@ TEST(NavMessagesTest, WhatIsNotFiniteIsLeftOut) {
   EXPECT_FALSE(sample.Has(NavField::kVelocity));
   EXPECT_FALSE(sample.Has(NavField::kAttitude));
   EXPECT_TRUE(sample.Has(NavField::kDepth));
+  EXPECT_EQ(converter.rejected(NavReject::kNotFinite), 1u);
+  EXPECT_EQ(converter.rejected(NavReject::kSentinel), 1u);
+  EXPECT_EQ(converter.rejected(NavReject::kOutOfRange), 1u);
   message.valid = nav_t::VALID_POSITION;
   EXPECT_FALSE(converter.Convert(message, &sample));
+  EXPECT_EQ(converter.rejected(NavReject::kNotFinite), 2u);
 }
 
 TEST(NavMessagesTest, LeverArmsAreRemoved) {

@@ -40,7 +40,9 @@ class Survey {
   IncrementalMapper& mapper() { return *mapper_; }
 
   // Attitude at 10 Hz, velocity at 5 Hz, depth at 2 Hz, with typical noise.
-  void FeedNav(double end_s, double begin_s = -1.0) {
+  // From one time to another the log is that much too fast.
+  void FeedNav(double end_s, double begin_s = -1.0, double off_mps = 0.0, double off_from_s = 0.0,
+               double off_to_s = 0.0) {
     Rng rng(99);
     for (int i = 0; i <= static_cast<int>(10 * end_s) + 20; ++i) {
       const double t = 0.1 * i - 1.0;
@@ -60,6 +62,7 @@ class Survey {
         sample.sigma_velocity_mps = Vec3::Constant(0.005);
         sample.velocity_body_mps = body.rotation.conjugate() * velocity_ned +
                                    0.005 * Vec3(rng.Gaussian(), rng.Gaussian(), rng.Gaussian());
+        if (t > off_from_s && t < off_to_s) sample.velocity_body_mps.x() += off_mps;
       }
       if (i % 5 == 0) {
         sample.Set(NavField::kDepth);
@@ -316,6 +319,67 @@ TEST(IncrementalMapper, ALongLossWithoutNavigationBeginsANewWorldAndSaysSo) {
   for (int frame = 30; frame < 40; ++frame) report = survey.Fly(frame);  // elsewhere
   EXPECT_EQ(report.state, MapperState::kTracking);
   EXPECT_EQ(report.reset_counter, 1);
+}
+
+// The lens cap is on: images come, and show nothing. Then it is off.
+TEST(IncrementalMapper, WaitsUnderTheLensCap) {
+  Survey survey(TestPort::kFlat, TestOptions());
+  survey.FeedNav(30.0);
+  for (int frame = 0; frame < 5; ++frame) {
+    const auto report = survey.mapper().Step({UsFromSeconds(frame / kFrameRate + 100.0), {}, {}});
+    ASSERT_TRUE(report.has_value());
+    EXPECT_EQ(report->state, MapperState::kWaiting);
+    EXPECT_FALSE(report->has_pose);
+  }
+  EXPECT_EQ(survey.Fly(5).state, MapperState::kInitialising);
+  EXPECT_EQ(survey.Fly(6).state, MapperState::kTracking);
+  const auto report = survey.mapper().Step({UsFromSeconds(107.0), {}, {}});  // the cap again
+  ASSERT_TRUE(report.has_value());
+  EXPECT_EQ(report->state, MapperState::kDeadReckoning);
+  EXPECT_EQ(survey.Fly(8).reset_counter, 0);
+}
+
+// Nothing to see and nothing to reckon with: it says so, and how long; what was known of the place
+// is not published meanwhile.
+TEST(IncrementalMapper, AnOutageWithoutNavigationIsALossAndThenANewWorld) {
+  MapperOptions options = TestOptions();
+  options.lost_frames_before_restart = 6;
+  Survey survey(TestPort::kFlat, options);
+  for (int frame = 0; frame < 8; ++frame) survey.Fly(frame);
+  for (int frame = 8; frame < 20; ++frame) {
+    const StepReport report = survey.Fly(frame, true);
+    EXPECT_EQ(report.state, frame < 13 ? MapperState::kRelocalising : MapperState::kLost) << frame;
+    EXPECT_FALSE(report.has_pose);
+    EXPECT_EQ(report.reset_counter, 0);
+  }
+  StepReport report;
+  for (int frame = 40; frame < 44; ++frame) report = survey.Fly(frame);
+  EXPECT_EQ(report.state, MapperState::kTracking);
+  EXPECT_EQ(report.reset_counter, 1);
+  EXPECT_EQ(report.world, 1);
+  for (const SlotId id : survey.mapper().map().keyframes()) {
+    const Keyframe& keyframe = survey.mapper().map().keyframe(id);
+    EXPECT_TRUE(!keyframe.is_placed || keyframe.world == 1);
+  }
+}
+
+// The log is off while an image shows nothing: the known ground that comes back is not where its
+// covariance says. That jump is announced, in the same world; one within three sigmas is none.
+TEST(IncrementalMapper, AReturnFartherThanThreeSigmasIsAnnounced) {
+  for (const double off_mps : {0.0, 0.1}) {
+    Survey survey(TestPort::kFlat, TestOptions());
+    survey.FeedNav(40.0, -1.0, off_mps, 9.0, 11.0);
+    StepReport report;
+    for (int frame = 0; frame < 16; ++frame) {
+      const bool blind = frame == 10;
+      report = survey.Fly(frame, blind);
+      const auto wanted = blind ? MapperState::kDeadReckoning : MapperState::kTracking;
+      EXPECT_TRUE(frame == 0 || report.state == wanted) << frame;
+      EXPECT_EQ(report.reset_counter, off_mps > 0.0 && frame >= 11 ? 1 : 0) << frame;
+      EXPECT_EQ(report.world, 0);
+    }
+    EXPECT_EQ(survey.heap_calls(), 0u);
+  }
 }
 
 TEST(IncrementalMapper, KeyframesFromBeforeTheFirstPairArePlacedLater) {

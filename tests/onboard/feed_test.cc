@@ -2,12 +2,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <iterator>
 #include <vector>
 
 #include "tests/mapping/blob_image.h"
 #include "tools/feed/mapper_feed.h"
+#include "tools/feed/mission_publisher.h"
 
 namespace rsfm {
 namespace {
@@ -116,6 +118,94 @@ TEST(MapperFeed, TracksOutliveImagesThatShowNothing) {
   std::set_intersection(before.begin(), before.end(), after.begin(), after.end(),
                         std::back_inserter(both));
   EXPECT_GE(both.size(), before.size() * 8 / 10);
+}
+
+class NoSink final : public MessageSink {
+ public:
+  IoStatus Take(Audience, const std::string&, Utime, std::span<const std::uint8_t>) override {
+    return {};
+  }
+};
+
+// Whatever is refused is in the status, by its reason, and the mapper is as it was.
+TEST(MapperFeed, TheStatusSaysWhatWasRefusedAndWhy) {
+  auto feed = std::move(*MapperFeed::Create(VideoRig(), "rig"));
+  NoSink sink;
+  const MissionPublisher publisher(VideoRig(), &sink);
+  const auto status = [&] {
+    status_t filled{};
+    publisher.FillStatus(kStart, feed.last(), feed.counters(), feed.mapper(), &filled);
+    return filled;
+  };
+  const auto grey = [](int value) {
+    return std::vector<std::uint8_t>(kWidth * kHeight, static_cast<std::uint8_t>(value));
+  };
+  ASSERT_TRUE(feed.Process(View(Shot(0)), kStart).has_value());
+  struct Case {
+    std::vector<std::uint8_t> bytes;
+    Utime after;
+    std::int64_t status_t::*counter;
+    bool is_late;
+  };
+  std::vector<std::uint8_t> torn = Shot(1);
+  std::fill(torn.begin() + kWidth * kHeight / 2, torn.end(), std::uint8_t{0});
+  const std::vector<Case> cases = {
+      {Shot(1), 0, &status_t::frames_repeated_time, true},
+      {Shot(1), -kPeriod, &status_t::frames_out_of_order, true},
+      {Shot(1), 3'600'000'000, &status_t::frames_from_the_future, true},
+      {Shot(0), kPeriod, &status_t::frames_duplicate, true},
+      {grey(0), 2 * kPeriod, &status_t::frames_black, false},
+      {grey(255), 3 * kPeriod, &status_t::frames_white, false},
+      {grey(90), 4 * kPeriod, &status_t::frames_flat, false},
+      {torn, 5 * kPeriod, &status_t::frames_torn, false}};
+  const std::size_t keyframes = feed.mapper().map().keyframes().size();
+  std::int64_t late = 0, damaged = 0;
+  for (const Case& c : cases) {
+    static_cast<void>(feed.Process(View(c.bytes), kStart + c.after));
+    late += c.is_late;
+    damaged += !c.is_late;
+    EXPECT_EQ(status().*c.counter, 1);
+    EXPECT_EQ(status().frames_late, late);
+    EXPECT_EQ(status().frames_damaged, damaged);
+  }
+  ImageView cut = View(torn);
+  cut.width -= 1;
+  EXPECT_FALSE(feed.Process(cut, kStart + 6 * kPeriod).has_value());
+  EXPECT_EQ(status().frames_wrong_form, 1);
+  EXPECT_EQ(feed.mapper().map().keyframes().size(), keyframes);
+
+  NavSample nav;
+  nav.Set(NavField::kVelocity);
+  nav.Set(NavField::kAltitude);
+  const auto add = [&](Utime after, const Vec3& velocity, double altitude_m) {
+    nav.utime = kStart + after;
+    nav.velocity_body_mps = velocity;
+    nav.altitude_m = altitude_m;
+    feed.AddNav(nav);
+  };
+  add(0, Vec3(1, 0, 0), 3.0);
+  EXPECT_EQ(status().nav_rejected, 0);
+  add(0, Vec3(1, 0, 0), 3.0);
+  EXPECT_EQ(status().nav_repeated, 2);
+  add(1000, Vec3(std::nan(""), 0, 0), std::nan(""));
+  EXPECT_EQ(status().nav_not_finite, 2);
+  add(2000, Vec3(-32.768, -32.768, -32.768), 0.0);
+  EXPECT_EQ(status().nav_sentinel, 2);
+  add(3000, Vec3(0, 700, 0), 20000.0);
+  EXPECT_EQ(status().nav_out_of_range, 2);
+  add(-10'000'000, Vec3(1, 0, 0), 3.0);
+  EXPECT_EQ(status().nav_runs_backwards, 2);
+  nav.sigma_velocity_mps = Vec3(-1, -1, -1);
+  nav.sigma_altitude_m = -1.0;
+  add(4000, Vec3(1, 0, 0), 3.0);
+  EXPECT_EQ(status().nav_sentinel, 4);
+  feed.mapper().nav().buffer().SetHorizon(kStart - 1000);
+  nav.sigma_velocity_mps.setZero();
+  nav.sigma_altitude_m = 0.0;
+  add(-2000, Vec3(1, 0, 0), 3.0);
+  EXPECT_EQ(status().nav_too_late, 2);
+  EXPECT_EQ(status().nav_rejected, 2 + 2 + 4 + 2 + 2 + 2);
+  EXPECT_EQ(feed.mapper().nav().buffer().accepted(), 2u);
 }
 
 }  // namespace

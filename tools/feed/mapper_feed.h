@@ -2,6 +2,7 @@
 // behind both feeds: the vehicle's camera and the desk's files.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <string>
 
@@ -20,6 +21,9 @@ struct FeedCounters {
   std::int64_t frames_unusable = 0;  // showed nothing of the scene: placed by navigation alone
   std::int64_t nav_received = 0;
   FrameVerdict last_frame = FrameVerdict::kGood;
+  std::array<std::int64_t, kNumFrameVerdicts> verdicts{};  // of frames_received
+
+  std::int64_t count(FrameVerdict verdict) const { return verdicts[static_cast<int>(verdict)]; }
 };
 
 class MapperFeed {

@@ -118,7 +118,7 @@ IoStatus MissionPublisher::PublishKeyframe(const Map& map, SlotId id, bool with_
   message.id = keyframe.id;
   message.image.assign(image_of_keyframe_[id.index]);
   message.state = static_cast<std::int32_t>(keyframe.is_placed ? MapperState::kTracking : state);
-  message.reset_counter = keyframe.reset_counter;
+  message.reset_counter = keyframe.world;
   std::fill_n(message.camera_from_world_q, 4, 0.0);  // no rotation
   std::fill_n(message.camera_from_world_t, 3, 0.0);
   if (keyframe.is_placed) {
@@ -177,6 +177,35 @@ IoStatus MissionPublisher::PublishLandmarks(Utime utime, Map* map) {
   return Publish(rig_.bus.landmarks_channel, utime, message);
 }
 
+std::array<std::int64_t*, kNumNavRejects> NavReasons(status_t* status) {
+  return {&status->nav_not_finite,     &status->nav_sentinel, &status->nav_out_of_range,
+          &status->nav_runs_backwards, &status->nav_repeated, &status->nav_too_late};
+}
+
+namespace {
+
+void FillReasons(const FeedCounters& counters, const IncrementalMapper& mapper, status_t* status) {
+  using enum FrameVerdict;
+  status->frames_wrong_form = counters.count(kNoImage) + counters.count(kWrongSize);
+  status->frames_repeated_time = counters.count(kRepeatedTime);
+  status->frames_out_of_order = counters.count(kOutOfOrder);
+  status->frames_from_the_future = counters.count(kFromTheFuture);
+  status->frames_black = counters.count(kBlack);
+  status->frames_white = counters.count(kWhite);
+  status->frames_flat = counters.count(kFlat);
+  status->frames_torn = counters.count(kTorn);
+  status->frames_duplicate = counters.count(kDuplicate);
+  const auto reasons = NavReasons(status);
+  for (int i = 0; i < kNumNavRejects; ++i) {
+    *reasons[static_cast<std::size_t>(i)] =
+        static_cast<std::int64_t>(mapper.nav().buffer().rejected(static_cast<NavReject>(i)));
+    status->nav_rejected += *reasons[static_cast<std::size_t>(i)];
+  }
+  status->nav_outliers = mapper.adjuster().num_nav_outliers();
+}
+
+}  // namespace
+
 void MissionPublisher::FillStatus(Utime utime, const StepReport& report,
                                   const FeedCounters& counters, const IncrementalMapper& mapper,
                                   status_t* filled) const {
@@ -199,9 +228,7 @@ void MissionPublisher::FillStatus(Utime utime, const StepReport& report,
   status.frames_damaged = counters.frames_unusable;
   status.frames_dropped = status.frames_late + status.frames_damaged;
   status.nav_received = counters.nav_received;
-  const NavBuffer& nav = mapper.nav().buffer();
-  for (int reason = 0; reason < kNumNavRejects; ++reason)
-    status.nav_rejected += static_cast<std::int64_t>(nav.rejected(static_cast<NavReject>(reason)));
+  FillReasons(counters, mapper, &status);
   status.num_keyframes = static_cast<std::int32_t>(mapper.map().keyframes().size());
   status.num_landmarks = static_cast<std::int32_t>(mapper.map().landmarks().size());
   status.keyframe_capacity = static_cast<std::int32_t>(mapper.map().keyframe_capacity());

@@ -1,6 +1,7 @@
 // What the mapper finds, as messages: on the bus and in the mission's log.
 #pragma once
 
+#include <array>
 #include <span>
 #include <string>
 #include <vector>
@@ -32,6 +33,9 @@ class DirectSink final : public MessageSink {
   LcmBus* bus_;
   MissionWriter* writer_;
 };
+
+// The status's counters of refused navigation, in the order of NavReject.
+std::array<std::int64_t*, kNumNavRejects> NavReasons(status_t* status);
 
 struct PublisherOptions {
   // A status each second of the images' time. The daemon makes its own, by the clock.

@@ -3,6 +3,7 @@
 #include <set>
 
 #include "rsfm/io/atomic_output.h"
+#include "rsfm/io/nav_messages.h"
 #include "tools/feed/mapper_feed.h"
 #include "tools/feed/mission_publisher.h"
 #include "tools/map/image_files.h"
@@ -11,10 +12,6 @@ namespace rsfm {
 namespace {
 
 namespace fs = std::filesystem;
-
-// Navigation is handed over this much ahead of an image, as it is on a vehicle whose images take
-// their time to arrive: interpolation needs a sample on both sides.
-constexpr Utime kNavLeadUs = 500'000;
 
 class Feed {
  public:
@@ -35,6 +32,7 @@ class Feed {
   Rig rig_;
   std::vector<NavSample> nav_;
   std::size_t next_nav_ = 0;
+  std::optional<NavConverter> converter_;
   std::unique_ptr<LcmBus> bus_;
   std::unique_ptr<ImageReader> reader_;
   std::optional<MapperFeed> feed_;
@@ -88,6 +86,7 @@ IoStatus Feed::OpenMapper() {
   auto feed = MapperFeed::Create(rig_, file);
   if (!feed) return Fail(feed.error());
   feed_.emplace(std::move(*feed));
+  converter_.emplace(rig_);
   feed_->ExpectImagesUntil(list_.images.back().utime);
   reader_ = std::make_unique<ImageReader>(feed_->camera().width(), feed_->camera().height());
   return {};
@@ -95,8 +94,10 @@ IoStatus Feed::OpenMapper() {
 
 IoStatus Feed::FeedNav(Utime until) {
   for (; next_nav_ < nav_.size() && nav_[next_nav_].utime <= until; ++next_nav_) {
-    feed_->AddNav(nav_[next_nav_]);
     if (auto s = publisher_->PublishNav(nav_[next_nav_]); !s) return s;
+    // As the log has it, to the last bit: a replay has nothing else.
+    NavSample logged;
+    if (converter_->Convert(ToMessage(nav_[next_nav_]), &logged)) feed_->AddNav(logged);
   }
   return {};
 }
@@ -105,11 +106,11 @@ IoStatus Feed::MapOne(const ImageTime& image) {
   const auto view = reader_->Read(list_.folder / image.image);
   if (!view) return Fail(view.error());
   if (auto s = FeedNav(image.utime + kNavLeadUs); !s) return s;
-  const std::int32_t reset_counter = feed_->last().reset_counter;
+  const int world = feed_->last().world;
   const auto report = feed_->Process(*view, image.utime);
   if (!report && feed_->counters().last_frame != FrameVerdict::kGood) return {};  // counted
   if (!report) return Fail(FromError(report.error(), (list_.folder / image.image).string(), ""));
-  if (report->reset_counter != reset_counter && !report->scale_is_metric) placed_.clear();
+  if (report->world != world && !report->scale_is_metric) placed_.clear();
   const Map& map = feed_->mapper().map();
   if (report->state == MapperState::kTracking && report->keyframe.valid())
     placed_.insert(map.keyframe(report->keyframe).id);

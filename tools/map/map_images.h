@@ -7,9 +7,14 @@
 #include <string>
 #include <vector>
 
+#include "rsfm/base/time.h"
 #include "rsfm/io/diagnostic.h"
 
 namespace rsfm {
+
+// Navigation is handed over this much ahead of an image, as it is on a vehicle whose images take
+// their time to arrive: interpolation needs a sample on both sides.
+inline constexpr Utime kNavLeadUs = 500'000;
 
 struct MapRequest {
   std::filesystem::path images;  // a folder of images, or a mission folder

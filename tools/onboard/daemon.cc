@@ -207,7 +207,13 @@ status_t Daemon::MakeStatus(std::int64_t now_us) {
   status.frames_dropped =
       status.frames_missed + status.frames_damaged + status.frames_late + status.frames_skipped;
   status.camera_restarts = source.restarts;
-  status.nav_rejected += shared_->nav_rejected;
+  const auto reasons = NavReasons(&status);
+  for (std::size_t i = 0; i < reasons.size(); ++i) {
+    const std::int64_t count = shared_->nav_rejected[i];
+    *reasons[i] += count;
+    status.nav_rejected += count;
+  }
+  status.nav_unusable = shared_->nav_unusable;
   status.messages_malformed = shared_->malformed;
   status.messages_overrun = shared_->nav_overruns + shared_->receive_overruns +
                             shared_->bus.num_dropped() + shared_->log.num_dropped();

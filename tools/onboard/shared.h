@@ -8,7 +8,7 @@
 #include <string>
 
 #include "rsfm/io/rig.h"
-#include "rsfm/navigation/nav_sample.h"
+#include "rsfm/navigation/nav_buffer.h"
 #include "rsfm_drivers/lcm/message_queue.h"
 #include "rsfm_drivers/v4l2/capture.h"
 #include "tools/onboard/bounded_queue.h"
@@ -51,7 +51,8 @@ struct Shared {
   std::atomic<std::int64_t> frames_mapped = 0;
   std::atomic<std::int64_t> images_not_queued = 0;
   std::atomic<std::int64_t> nav_overruns = 0;
-  std::atomic<std::int64_t> nav_rejected = 0;  // by the converter: nothing usable in the message
+  std::atomic<std::int64_t> nav_unusable = 0;  // nothing usable in the message
+  std::array<std::atomic<std::int64_t>, kNumNavRejects> nav_rejected{};  // by the converter: fields
   std::atomic<std::int64_t> malformed = 0, publish_errors = 0, receive_overruns = 0;
   std::atomic<std::int64_t> log_errors = 0;
   std::atomic<bool> log_is_failing = false;                  // now

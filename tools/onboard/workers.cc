@@ -255,7 +255,10 @@ void RunReceive(const WorkerOptions& options, LcmBus* bus, Shared* shared) {
     const LcmBusCounters counters = bus->counters();
     shared->malformed = counters.malformed;
     shared->receive_overruns = counters.overruns;
-    shared->nav_rejected = receiver.num_rejected();
+    shared->nav_unusable = receiver.num_rejected();
+    for (int i = 0; i < kNumNavRejects; ++i)
+      shared->nav_rejected[static_cast<std::size_t>(i)] =
+          static_cast<std::int64_t>(receiver.converter().rejected(static_cast<NavReject>(i)));
     if (!has_origin && receiver.converter().origin()) {
       has_origin = true;
       const std::scoped_lock lock(shared->mutex);

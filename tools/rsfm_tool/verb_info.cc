@@ -2,6 +2,9 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <initializer_list>
+#include <string>
+#include <utility>
 
 #include "rsfm/io/event_log.h"
 #include "rsfm/io/mission.h"
@@ -72,6 +75,16 @@ void PrintModel(const Model& model) {
                                          static_cast<double>(model.points.size()));
 }
 
+// "  refused: 2 black, 1 torn", or nothing.
+void PrintReasons(const char* head,
+                  std::initializer_list<std::pair<const char*, std::int64_t>> counts) {
+  std::string text;
+  for (const auto& [name, count] : counts) {
+    if (count > 0) text += (text.empty() ? "" : ", ") + std::to_string(count) + " " + name;
+  }
+  if (!text.empty()) std::printf("%-13s %s\n", head, text.c_str());
+}
+
 // What became of the images and messages, as the vehicle counted.
 void PrintStatus(const status_t& status) {
   const auto number = [](std::int64_t value) { return static_cast<long long>(value); };
@@ -80,6 +93,23 @@ void PrintStatus(const status_t& status) {
       "camera restarts\n",
       number(status.frames_received), number(status.frames_missed), number(status.frames_damaged),
       number(status.frames_late), number(status.frames_skipped), number(status.camera_restarts));
+  PrintReasons("  refused", {{"of another form", status.frames_wrong_form},
+                             {"of a repeated time", status.frames_repeated_time},
+                             {"out of order", status.frames_out_of_order},
+                             {"from the future", status.frames_from_the_future},
+                             {"black", status.frames_black},
+                             {"white", status.frames_white},
+                             {"flat", status.frames_flat},
+                             {"torn", status.frames_torn},
+                             {"duplicate", status.frames_duplicate}});
+  PrintReasons("  navigation", {{"not finite", status.nav_not_finite},
+                                {"sentinel values", status.nav_sentinel},
+                                {"out of range", status.nav_out_of_range},
+                                {"running backwards", status.nav_runs_backwards},
+                                {"repeated", status.nav_repeated},
+                                {"too late", status.nav_too_late},
+                                {"messages without a usable field", status.nav_unusable},
+                                {"outliers", status.nav_outliers}});
   std::printf(
       "messages      %lld malformed, %lld overrun, %lld not logged; %lld images not recorded\n",
       number(status.messages_malformed), number(status.messages_overrun), number(status.log_errors),

@@ -7,15 +7,16 @@
 #include "tools/common/exit.h"
 #include "tools/common/progress.h"
 #include "tools/map/map_images.h"
+#include "tools/map/replay.h"
 
 namespace rsfm {
 
 CLI::App* DeclareMap(CLI::App& app, MapOptions* options) {
   CLI::App* verb =
       app.add_subcommand("map", "Map images (and navigation) with the on-board mapper");
-  verb->add_option("IMAGES", options->images, "Folder of images, or a mission folder")->required();
+  verb->add_option("IMAGES", options->images, "Folder of images, or a mission folder");
   verb->add_option("--rig", options->rig, "Rig file; default: the mission folder's rig.yaml");
-  verb->add_option("--out", options->out, "Mission folder to write")->required();
+  verb->add_option("--out", options->out, "Mission folder to write");
   auto* times = verb->add_option("--times", options->times, "Table image,utime of the images");
   verb->add_option(
           "--fps", options->fps,
@@ -24,10 +25,59 @@ CLI::App* DeclareMap(CLI::App& app, MapOptions* options) {
       ->excludes(times);
   verb->add_option("--nav", options->nav, "Navigation table; default: a mission folder's nav.csv");
   verb->add_option("--lcm-url", options->lcm_url, "Bus to publish on")->capture_default_str();
+  verb->add_option("--replay", options->replay,
+                   "Map this mission's log again and compare with what it published; nothing is "
+                   "written");
   return verb;
 }
 
+namespace {
+
+// 0: the same bytes; 1: a difference, whose first event is named.
+int RunReplay(const MapOptions& options) {
+  for (const std::string* other :
+       {&options.images, &options.rig, &options.out, &options.times, &options.nav}) {
+    if (!other->empty())
+      return Report({Errc::kInvalidArgument, *other, "--replay",
+                     "is given together with other inputs or outputs",
+                     "give the mission alone: its log has all that the mapper had"});
+  }
+  std::unique_ptr<Progress> progress;
+  MapHooks hooks;
+  hooks.progress = [&](int done, int total, const std::string& note) {
+    if (!progress) progress = std::make_unique<Progress>("replay", total);
+    progress->Update(done, note);
+  };
+  hooks.is_interrupted = IsInterrupted;
+  const auto result = ReplayMission(options.replay, hooks);
+  if (!result || result->interrupted || result->difference) progress.reset();
+  if (!result) return Report(result.error());
+  if (result->interrupted) return ReportInterrupted();
+  if (progress) progress->Finish();
+  const auto count = [](std::int64_t value) { return static_cast<long long>(value); };
+  if (const auto& d = result->difference) {
+    std::printf("%lld poses the same; then event %lld, %s at %lld us: %s\n",
+                count(result->num_poses), count(d->event), d->channel.c_str(), count(d->utime),
+                d->what.c_str());
+    std::fflush(stdout);
+    return Report({Errc::kNotConverged, options.replay, "event " + std::to_string(d->event),
+                   "the replay differs from the record: " + d->what,
+                   "replay with the build that recorded it; if it is that one, its inputs (log, "
+                   "images, rig.yaml) are not those of the flight"});
+  }
+  std::printf("%s: %d images, %lld poses and %lld events in all, the same to the last byte\n",
+              options.replay.c_str(), result->num_images, count(result->num_poses),
+              count(result->num_events));
+  return FinishStdout();
+}
+
+}  // namespace
+
 int RunMap(const MapOptions& options) {
+  if (!options.replay.empty()) return RunReplay(options);
+  if (options.images.empty() || options.out.empty())
+    return Report({Errc::kInvalidArgument, options.images.empty() ? "IMAGES" : "--out", "",
+                   "is missing", "give both IMAGES and --out, or --replay MISSION"});
   MapRequest request;
   request.images = options.images;
   request.rig = options.rig;

@@ -12,6 +12,7 @@ struct MapOptions {
   std::string times;
   double fps = 0.0;
   std::string nav;
+  std::string replay;
   std::string lcm_url = "memq://";
 };
 
