@@ -295,28 +295,70 @@ TEST(BundleGaugeTest, WhatTakesTheBendingOverLeavesNoScale) {
   BundleOptions options;
   EXPECT_FALSE(RaysTellScale(PortType::kNone, options));
   EXPECT_TRUE(RaysTellScale(PortType::kFlat, options));
-  options.port.distance = true;
-  EXPECT_FALSE(RaysTellScale(PortType::kFlat, options));
+  options.port.distance = true;  // what is expected of it tells
+  EXPECT_TRUE(RaysTellScale(PortType::kFlat, options));
   EXPECT_TRUE(RaysTellScale(PortType::kDome, options));
   options.lens.focal = true;
+  EXPECT_FALSE(RaysTellScale(PortType::kFlat, options));
   EXPECT_FALSE(RaysTellScale(PortType::kDome, options));
 }
 
-TEST(CameraUnknownsTest, APortsDistanceDoesNotVanish) {
+CameraConfig BehindWindow() {
   CameraConfig rig = PaperLens();
   rig.port.type = PortType::kFlat;
   rig.port.distance_m = 0.02;
   rig.port.thickness_m = 0.01;
+  return rig;
+}
+
+TEST(CameraUnknownsTest, ADistancesPriorCountsRatios) {
   BundleOptions options;
   options.port.distance = true;
+  const CameraConfig rig = BehindWindow();
   const CameraUnknowns unknowns(options, {rig});
-  const Eigen::VectorXd nearer = Eigen::VectorXd::Constant(unknowns.count(), -0.1);
-  std::vector<CameraConfig> now = {rig}, moved;
-  for (int i = 0; i < 30; ++i) {
-    ASSERT_TRUE(unknowns.Plus(nearer, now, &moved));
-    now = moved;
+  const auto cost = [&](double distance_m) {
+    CameraConfig now = rig;
+    now.port.distance_m = distance_m;
+    return unknowns.PriorCost({now});
+  };
+  const double sigma = options.port.sigma_distance;
+  EXPECT_NEAR(cost(0.02), 0.0, 1e-24);
+  EXPECT_NEAR(cost(0.04), cost(0.01), 1e-12);
+  EXPECT_NEAR(cost(0.04), 0.5 * std::pow(std::log(2.0) / sigma, 2), 1e-12);
+  for (const double distance_m : {1e-4, 0.003, 0.02, 0.3}) {
+    CameraConfig now = rig;
+    now.port.distance_m = distance_m;
+    Eigen::MatrixXd information = Eigen::MatrixXd::Zero(1, 1);
+    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(1);
+    unknowns.AddPriors({now}, &information, &gradient);
+    constexpr double kStep = 1e-7;
+    EXPECT_NEAR(gradient[0], (cost(distance_m + kStep) - cost(distance_m - kStep)) / (2 * kStep),
+                1e-4 * std::max(1.0, std::abs(gradient[0])));
+    EXPECT_NEAR(information(0, 0), std::pow(PortSigmas(now, options.port)[3], -2),
+                1e-9 * information(0, 0));
   }
-  EXPECT_EQ(now[0].port.distance_m, 1e-3);
+}
+
+// Adjustments that follow one another hold to what was expected, not each to the last one's result.
+TEST(ExpectedCameraTest, HoldsThroughManyAdjustments) {
+  const Survey survey = MakeSurvey(*AnyCamera::Create(BehindWindow()), Small());
+  BundleOptions options;
+  options.port.distance = true;
+  options.sigma_px = 5.0;  // the data say little, the prior as much
+  CameraConfig expected = BehindWindow();
+  expected.port.distance_m = 0.06;
+  BundleProblem once = ToProblem(expected, survey);
+  once.expected_cameras = {expected};
+  ASSERT_TRUE(AdjustBundle(options, &once));
+  EXPECT_LT(once.cameras[0].port.distance_m, 0.058);
+  EXPECT_GT(once.cameras[0].port.distance_m, 0.03);
+  BundleProblem again = once;
+  for (int i = 0; i < 3; ++i) ASSERT_TRUE(AdjustBundle(options, &again));
+  EXPECT_NEAR(again.cameras[0].port.distance_m, once.cameras[0].port.distance_m, 5e-4);
+  again.expected_cameras.resize(2, expected);
+  const auto wrong = AdjustBundle(options, &again);
+  ASSERT_FALSE(wrong);
+  EXPECT_EQ(wrong.error().where, "expected_cameras");
 }
 
 TEST(FitNoiseTest, TakesTheMedianWithinBounds) {

@@ -97,7 +97,8 @@ class Adjustment {
       ceres_->SetManifold(camera.port.data(), manifolds_.back().get());
       const PortParams port = start.port.Params();
       AddParameterPrior(camera.port.data(), {port.begin(), port.end()},
-                        PortSigmas(start, options_.port));
+                        PortSigmas(start, options_.port),
+                        start.port.type == PortType::kFlat ? kPortDistance : -1);
     }
   }
 
@@ -141,8 +142,10 @@ class Adjustment {
   }
 
  private:
-  void AddParameterPrior(double* block, std::vector<double> start, std::vector<double> sigma) {
-    costs_.push_back(std::make_unique<ParameterPriorCost>(std::move(start), std::move(sigma)));
+  void AddParameterPrior(double* block, std::vector<double> start, std::vector<double> sigma,
+                         int ratio = -1) {
+    costs_.push_back(
+        std::make_unique<ParameterPriorCost>(std::move(start), std::move(sigma), ratio));
     ceres_->AddResidualBlock(costs_.back().get(), nullptr, block);
   }
 

@@ -250,8 +250,9 @@ bool PriorCost::Evaluate(double const* const* parameters, double* residuals,
   return true;
 }
 
-ParameterPriorCost::ParameterPriorCost(std::vector<double> start, std::vector<double> sigma)
-    : start_(std::move(start)), sigma_(std::move(sigma)) {
+ParameterPriorCost::ParameterPriorCost(std::vector<double> start, std::vector<double> sigma,
+                                       int ratio)
+    : start_(std::move(start)), sigma_(std::move(sigma)), ratio_(ratio) {
   set_num_residuals(static_cast<int>(start_.size()));
   mutable_parameter_block_sizes()->push_back(static_cast<int>(start_.size()));
 }
@@ -261,10 +262,17 @@ bool ParameterPriorCost::Evaluate(double const* const* parameters, double* resid
   const std::size_t count = start_.size();
   for (std::size_t i = 0; i < count; ++i)
     residuals[i] = sigma_[i] > 0.0 ? (parameters[0][i] - start_[i]) / sigma_[i] : 0.0;
+  if (ratio_ >= 0 && sigma_[ratio_] > 0.0) {
+    if (!(parameters[0][ratio_] > 0.0)) return false;
+    residuals[ratio_] =
+        start_[ratio_] / sigma_[ratio_] * std::log(parameters[0][ratio_] / start_[ratio_]);
+  }
   if (jacobians == nullptr || jacobians[0] == nullptr) return true;
   std::fill(jacobians[0], jacobians[0] + count * count, 0.0);
   for (std::size_t i = 0; i < count; ++i)
     if (sigma_[i] > 0.0) jacobians[0][i * count + i] = 1.0 / sigma_[i];
+  if (ratio_ >= 0 && sigma_[ratio_] > 0.0)
+    jacobians[0][ratio_ * (count + 1)] *= start_[ratio_] / parameters[0][ratio_];
   return true;
 }
 

@@ -103,16 +103,19 @@ class PriorCost : public ceres::CostFunction {
   PosePrior prior_;
 };
 
-// (x - start) / sigma for each parameter with a sigma above zero.
+// (x - start) / sigma for each parameter with a sigma above zero; that at `ratio`, a port's
+// distance, by its logarithm, with the same slope at the start.
 class ParameterPriorCost : public ceres::CostFunction {
  public:
-  ParameterPriorCost(std::vector<double> start, std::vector<double> sigma);
+  ParameterPriorCost(std::vector<double> start, std::vector<double> sigma, int ratio = -1);
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override;
 
  private:
   std::vector<double> start_, sigma_;
+  int ratio_;
 };
+
 // nullptr for none.
 ceres::LossFunction* MakeLoss(const RobustLoss& loss);
 

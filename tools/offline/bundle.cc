@@ -22,6 +22,9 @@ Status Check(const BundleProblem& problem) {
   for (int i = 0; i < num_cameras; ++i)
     if (const auto camera = AnyCamera::Create(problem.cameras[i]); !camera)
       return tl::unexpected<Error>(camera.error());
+  if (!problem.expected_cameras.empty() &&
+      problem.expected_cameras.size() != problem.cameras.size())
+    return Fail(Errc::kInvalidArgument, "expected_cameras");
   for (int i = 0; i < num_images; ++i) {
     const int camera = problem.images[i].camera;
     if (camera < 0 || camera >= num_cameras) return Fail(Errc::kInvalidArgument, "camera", i);
@@ -53,7 +56,8 @@ class Minimiser {
   Minimiser(const BundleOptions& options, const BundleProblem& problem,
             const std::vector<PosePrior>& hold)
       : options_(options),
-        unknowns_(options, problem.cameras),
+        unknowns_(options,
+                  problem.expected_cameras.empty() ? problem.cameras : problem.expected_cameras),
         passes_(options, problem, hold, unknowns_),
         system_(passes_.pattern(), unknowns_.count()) {
     state_.configs = problem.cameras;

@@ -34,6 +34,9 @@ struct BundleImage {
 
 struct BundleProblem {
   std::vector<CameraConfig> cameras;
+  // Where the priors of refined lenses and ports pull to; empty: where the cameras start. To be
+  // given where adjustments follow one another: each beginning anew they would hold nothing.
+  std::vector<CameraConfig> expected_cameras;
   std::vector<BundleImage> images;
   std::vector<Vec3> points;
   std::vector<BundleObservation> observations;
@@ -46,8 +49,8 @@ struct BundleProgress {
   double cost = 0.0;
 };
 
-// Which parameters are unknowns, and how far they may stray from where they start: one standard
-// deviation of a Gaussian prior that goes with every refined parameter.
+// Which parameters are unknowns, and how far they may stray from what is expected of them: one
+// standard deviation of a Gaussian prior that goes with every refined parameter.
 struct RefineLens {
   bool focal = false;
   bool principal_point = false;
@@ -64,7 +67,7 @@ struct RefinePort {
   bool center = false;       // dome
   bool index_water = false;  // both
   double sigma_normal_rad = 0.1;
-  double sigma_distance = 0.5;  // of the distance, a ratio, beside 1 mm
+  double sigma_distance = 0.5;  // of the distance, a ratio, by its logarithm
   double sigma_center_m = 0.01;
   double sigma_index = 0.005;
 
@@ -76,7 +79,7 @@ bool RefinesPort(PortType type, const RefinePort& refine);
 
 // The scale held against the data's faint opinion; and left to the bent rays, held only between two
 // adjustments so that none leaps.
-inline constexpr double kHeldScale = 1e-4, kSoftScale = 0.3;
+inline constexpr double kHeldScale = 1e-4, kSoftScale = 1.0;
 
 struct BundleOptions {
   RefineLens lens;
@@ -96,10 +99,11 @@ struct BundleOptions {
   std::function<bool(const BundleProgress&)> progress;
 };
 
-// Whether the bent rays can tell the scale where nothing else does. The distance of a flat port
-// goes with it; a refined lens or index takes the bending over. A dome's radius and glass stay as
-// they are: its centre may be refined beside the scale, and with the scale held wrong goes wrong
-// itself.
+// Whether the bent rays can tell the scale where nothing else does. A refined lens or index takes
+// the bending over. A dome's radius and glass stay as they are: its centre may be refined beside
+// the scale, and with the scale held wrong goes wrong itself. The distance of a flat port goes with
+// the scale: refined, what is expected of it tells the scale, as well as it is known. (Held at what
+// the first pair happened to have, a scale that is wrong by 16 makes 20 mm into 1.3.)
 bool RaysTellScale(PortType type, const BundleOptions& options);
 
 // What was held because nothing else determines it.

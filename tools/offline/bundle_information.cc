@@ -77,7 +77,7 @@ void BundleInformation::AddCamera(std::size_t index, const CameraConfig& start) 
     const CameraUnknowns unknowns(options_, {now});
     plus = unknowns.PortColumns(0, now);
     num_port = static_cast<int>(plus.cols());
-    const std::vector<double> port_sigma = PortSigmas(start, options_.port);
+    const std::vector<double> port_sigma = PortSigmas(now, options_.port);
     const PortParams before = start.port.Params(), after = now.port.Params();
     for (int i = 0; i < num_port; ++i) {
       // Each tangent direction is named by the parameter that it moves the most, upwards.

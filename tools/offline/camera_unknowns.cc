@@ -6,8 +6,7 @@
 namespace rsfm {
 
 bool RaysTellScale(PortType type, const BundleOptions& options) {
-  return type != PortType::kNone && !options.lens.Any() && !options.port.index_water &&
-         !(type == PortType::kFlat && options.port.distance);
+  return type != PortType::kNone && !options.lens.Any() && !options.port.index_water;
 }
 
 bool RefinesPort(PortType type, const RefinePort& refine) {
@@ -34,14 +33,14 @@ std::vector<int> HeldLensParams(LensModel lens, const RefineLens& refine) {
   return held;
 }
 
-std::vector<double> LensSigmas(const CameraConfig& start, const RefineLens& refine) {
-  const int num_focal = NumFocalLengths(start.lens);
-  std::vector<double> sigma(start.lens_params.size(), 0.0);
+std::vector<double> LensSigmas(const CameraConfig& config, const RefineLens& refine) {
+  const int num_focal = NumFocalLengths(config.lens);
+  std::vector<double> sigma(config.lens_params.size(), 0.0);
   for (int i = 0; i < static_cast<int>(sigma.size()); ++i) {
     if (i < num_focal) {
-      sigma[i] = refine.focal ? refine.sigma_focal * start.lens_params[i] : 0.0;
+      sigma[i] = refine.focal ? refine.sigma_focal * config.lens_params[i] : 0.0;
     } else if (i < num_focal + 2) {
-      sigma[i] = refine.principal_point ? refine.sigma_principal_point * start.width : 0.0;
+      sigma[i] = refine.principal_point ? refine.sigma_principal_point * config.width : 0.0;
     } else {
       sigma[i] = refine.distortion ? refine.sigma_distortion : 0.0;
     }
@@ -49,23 +48,37 @@ std::vector<double> LensSigmas(const CameraConfig& start, const RefineLens& refi
   return sigma;
 }
 
-std::vector<double> PortSigmas(const CameraConfig& start, const RefinePort& refine) {
+namespace {
+
+// What is expected of a camera that is said to touch its window; and where "as near as that" ends.
+constexpr double kTouchesM = 1e-3, kLeastDistanceM = 1e-6;
+
+// A dome's third parameter is never refined.
+bool IsDistance(const CameraUnknowns::Prior& prior) {
+  return prior.is_port && prior.parameter == kPortDistance;
+}
+
+}  // namespace
+
+std::vector<double> PortSigmas(const CameraConfig& config, const RefinePort& refine) {
   std::vector<double> sigma(kNumPortParams, 0.0);
-  const PortConfig& port = start.port;
+  const PortConfig& port = config.port;
   if (port.type == PortType::kFlat) {
     if (refine.normal) std::fill_n(sigma.begin(), 3, refine.sigma_normal_rad);
-    if (refine.distance) sigma[3] = refine.sigma_distance * port.distance_m + 1e-3;
+    if (refine.distance)
+      sigma[kPortDistance] = refine.sigma_distance * std::max(port.distance_m, kLeastDistanceM);
   } else if (port.type == PortType::kDome && refine.center) {
     std::fill_n(sigma.begin(), 3, refine.sigma_center_m);
   }
-  if (port.type != PortType::kNone && refine.index_water) sigma[7] = refine.sigma_index;
+  if (port.type != PortType::kNone && refine.index_water)
+    sigma[kPortIndexWater] = refine.sigma_index;
   return sigma;
 }
 
 CameraUnknowns::CameraUnknowns(const BundleOptions& options,
-                               const std::vector<CameraConfig>& start) {
-  for (int c = 0; c < static_cast<int>(start.size()); ++c) {
-    const CameraConfig& config = start[c];
+                               const std::vector<CameraConfig>& expected) {
+  for (int c = 0; c < static_cast<int>(expected.size()); ++c) {
+    const CameraConfig& config = expected[c];
     Camera camera;
     camera.first = count_;
     const std::vector<double> lens_sigma = LensSigmas(config, options.lens);
@@ -79,13 +92,19 @@ CameraUnknowns::CameraUnknowns(const BundleOptions& options,
     if (RefinesPort(config.port.type, options.port)) {
       const PortType type = config.port.type;
       camera.normal = type == PortType::kFlat && options.port.normal;
-      if (type == PortType::kFlat && options.port.distance) camera.port.push_back(3);
+      if (type == PortType::kFlat && options.port.distance) camera.port.push_back(kPortDistance);
       if (type == PortType::kDome && options.port.center) camera.port = {0, 1, 2};
-      if (options.port.index_water) camera.port.push_back(7);
+      if (options.port.index_water) camera.port.push_back(kPortIndexWater);
       const std::vector<double> port_sigma = PortSigmas(config, options.port);
       const PortParams params = config.port.Params();
-      for (int i = 0; i < kNumPortParams; ++i)
-        if (port_sigma[i] > 0.0) priors_.push_back({c, true, i, params[i], port_sigma[i]});
+      for (int i = 0; i < kNumPortParams; ++i) {
+        if (!(port_sigma[i] > 0.0)) continue;
+        priors_.push_back({c, true, i, params[i], port_sigma[i]});
+        if (Prior& prior = priors_.back(); IsDistance(prior)) {
+          prior.expected = std::max(prior.expected, kTouchesM);
+          prior.sigma = options.port.sigma_distance;
+        }
+      }
     }
     camera.count =
         static_cast<int>(camera.lens.size() + camera.port.size()) + (camera.normal ? 2 : 0);
@@ -127,9 +146,6 @@ void CameraUnknowns::Columns(
     columns->col(column++) = jacobian.d_error_d_port.col(parameter);
 }
 
-// Nearer to its window no camera can be told from one that touches it.
-constexpr double kLeastDistanceM = 1e-3;
-
 bool CameraUnknowns::Plus(const Eigen::VectorXd& delta, const std::vector<CameraConfig>& configs,
                           std::vector<CameraConfig>* moved) const {
   *moved = configs;
@@ -154,10 +170,9 @@ bool CameraUnknowns::Plus(const Eigen::VectorXd& delta, const std::vector<Camera
     for (const int parameter : c.port) {
       const double before = port[parameter];
       port[parameter] += delta[column++];
-      if (config.port.type == PortType::kFlat && parameter == 3)
-        port[parameter] =
-            std::max({port[parameter], 0.1 * before, std::min(before, kLeastDistanceM)});
-      if (parameter == 7) port[parameter] = std::clamp(port[parameter], 1.0, 2.0);
+      if (config.port.type == PortType::kFlat && parameter == kPortDistance)
+        port[parameter] = std::max(port[parameter], 0.1 * before);
+      if (parameter == kPortIndexWater) port[parameter] = std::clamp(port[parameter], 1.0, 2.0);
     }
     config.port.SetParams(port);
     if (!AnyCamera::Create(config)) return false;
@@ -170,7 +185,14 @@ double CameraUnknowns::Residual(const Prior& prior,
   const CameraConfig& config = configs[prior.camera];
   const double value =
       prior.is_port ? config.port.Params()[prior.parameter] : config.lens_params[prior.parameter];
-  return (value - prior.start) / prior.sigma;
+  return IsDistance(prior)
+             ? std::log(std::max(value, kLeastDistanceM) / prior.expected) / prior.sigma
+             : (value - prior.expected) / prior.sigma;
+}
+
+double CameraUnknowns::Slope(const Prior& prior, const std::vector<CameraConfig>& configs) const {
+  const double now = configs[prior.camera].port.distance_m;
+  return 1.0 / (IsDistance(prior) ? prior.sigma * std::max(now, kLeastDistanceM) : prior.sigma);
 }
 
 double CameraUnknowns::PriorCost(const std::vector<CameraConfig>& configs) const {
@@ -184,13 +206,14 @@ void CameraUnknowns::AddPriors(const std::vector<CameraConfig>& configs,
   for (const Prior& prior : priors_) {
     const Camera& c = cameras_[prior.camera];
     const int num_lens = static_cast<int>(c.lens.size());
+    const double slope = Slope(prior, configs);
     Eigen::RowVectorXd d = Eigen::RowVectorXd::Zero(c.count);
     if (prior.is_port) {
       d.tail(c.count - num_lens) =
-          PortColumns(prior.camera, configs[prior.camera]).row(prior.parameter) / prior.sigma;
+          PortColumns(prior.camera, configs[prior.camera]).row(prior.parameter) * slope;
     } else {
       const auto place = std::find(c.lens.begin(), c.lens.end(), prior.parameter);
-      d[place - c.lens.begin()] = 1.0 / prior.sigma;
+      d[place - c.lens.begin()] = slope;
     }
     information->block(c.first, c.first, c.count, c.count) += d.transpose() * d;
     gradient->segment(c.first, c.count) += Residual(prior, configs) * d.transpose();

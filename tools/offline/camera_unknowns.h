@@ -12,6 +12,9 @@
 
 namespace rsfm {
 
+// Places in PortParams.
+inline constexpr int kPortDistance = 3, kPortIndexWater = 7;
+
 inline constexpr int kMaxCameraColumns = kMaxLensParams + kNumPortParams;
 using CameraColumnsJacobian =
     Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::ColMajor, 2, kMaxCameraColumns>;
@@ -25,16 +28,17 @@ class CameraUnknowns {
     bool normal = false;    // two columns after those of the lens
     std::vector<int> port;  // the other free port parameters
   };
-  // One Gaussian prior on one parameter: (x - start) / sigma.
+  // One Gaussian prior on one parameter: (x - expected) / sigma; on a flat port's distance, which
+  // is never negative, on its logarithm: ln(x / expected) / sigma.
   struct Prior {
     int camera = 0;
     bool is_port = false;
     int parameter = 0;
-    double start = 0.0, sigma = 0.0;
+    double expected = 0.0, sigma = 0.0;
   };
 
-  // `start` is where the priors pull to.
-  CameraUnknowns(const BundleOptions& options, const std::vector<CameraConfig>& start);
+  // `expected` is where the priors pull to.
+  CameraUnknowns(const BundleOptions& options, const std::vector<CameraConfig>& expected);
 
   int count() const { return count_; }
   const Camera& camera(int index) const { return cameras_[index]; }
@@ -60,6 +64,7 @@ class CameraUnknowns {
 
  private:
   double Residual(const Prior& prior, const std::vector<CameraConfig>& configs) const;
+  double Slope(const Prior& prior, const std::vector<CameraConfig>& configs) const;
 
   std::vector<Camera> cameras_;
   std::vector<Prior> priors_;
@@ -68,8 +73,8 @@ class CameraUnknowns {
 
 // Indices of the lens parameters that stay.
 std::vector<int> HeldLensParams(LensModel lens, const RefineLens& refine);
-// The sigmas of the refined parameters, 0 for those that are not.
-std::vector<double> LensSigmas(const CameraConfig& start, const RefineLens& refine);
-std::vector<double> PortSigmas(const CameraConfig& start, const RefinePort& refine);
+// The sigmas of the refined parameters' priors near `config`, 0 for those that are not.
+std::vector<double> LensSigmas(const CameraConfig& config, const RefineLens& refine);
+std::vector<double> PortSigmas(const CameraConfig& config, const RefinePort& refine);
 
 }  // namespace rsfm

@@ -16,6 +16,7 @@ class Refiner {
     if (const auto camera = AnyCamera::Create(scene_.camera); !camera)
       return tl::unexpected<Error>(camera.error());
     if (scene_.images.size() < 2) return Fail(Errc::kNotEnoughData, "images");
+    if (!scene_.expected_camera) scene_.expected_camera = scene_.camera;
     if (const Status status = PrepareStart(); !status) return tl::unexpected(status.error());
     auto start = Now();
     MatchImages();

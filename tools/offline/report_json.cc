@@ -54,6 +54,17 @@ nlohmann::ordered_json ResidualsJson(const NavigationResiduals& r) {
           {"depth_rms_m", r.depth_rms_m}};
 }
 
+std::string Describe(const ParameterEstimate& estimate) {
+  constexpr double kGoesWith = 0.9;
+  char text[200];
+  std::snprintf(text, sizeof text,
+                "%-20s %12.6g -> %12.6g +- %.2g, %s (correlation with scale %+.2f%s)",
+                estimate.name.c_str(), estimate.start, estimate.value, estimate.sigma,
+                estimate.verdict.c_str(), estimate.scale_correlation,
+                std::abs(estimate.scale_correlation) > kGoesWith ? ": as good as that" : "");
+  return text;
+}
+
 std::vector<std::string> ObservabilityWarnings(const ObservabilityReport& report) {
   constexpr double kSigmas = 3.0, kFocalRatio = 0.01, kNormalRad = 0.01, kCenterM = 0.001;
   constexpr double kBendRatio = 0.01;

@@ -22,6 +22,9 @@ nlohmann::ordered_json ObservabilityJson(const ObservabilityReport& report);
 // How far the map lies from navigation.
 nlohmann::ordered_json ResidualsJson(const NavigationResiduals& residuals);
 
+// One parameter in a line, for people.
+std::string Describe(const ParameterEstimate& estimate);
+
 // What of the observability the user should know before trusting the result, one sentence each.
 std::vector<std::string> ObservabilityWarnings(const ObservabilityReport& report);
 

@@ -67,6 +67,7 @@ void Scene::Unplace(int image) {
 SceneBundle ToBundle(const Scene& scene) {
   SceneBundle bundle;
   bundle.problem.cameras = {scene.camera};
+  bundle.problem.expected_cameras = {scene.expected_camera.value_or(scene.camera)};
   std::vector<int> index_of(scene.images.size(), -1);
   for (std::size_t i = 0; i < scene.images.size(); ++i) {
     if (!scene.images[i].placed) continue;

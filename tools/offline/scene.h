@@ -2,6 +2,7 @@
 // they share. One camera.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -38,6 +39,7 @@ struct ScenePoint {
 
 struct Scene {
   CameraConfig camera;
+  std::optional<CameraConfig> expected_camera;  // where the priors of what is refined of it pull to
   std::vector<SceneImage> images;
   std::vector<ScenePoint> points;
   std::vector<PosePrior> priors;  // a, b are indices into images

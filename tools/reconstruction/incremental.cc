@@ -37,7 +37,9 @@ class Reconstructor {
         bundle_(options.bundle),
         graph_(*scene, pairs),
         next_(*scene, pairs),
-        used_(scene->images.size(), 0) {}
+        used_(scene->images.size(), 0) {
+    scene_.expected_camera = camera_;
+  }
 
   Expected<IncrementalResult> Run(const std::string& resume_from) {
     bool growing = !resume_from.empty() && Resume(resume_from);

@@ -3,7 +3,7 @@
 // [Schoenberger & Frahm 2016, CVPR, "Structure-from-Motion Revisited"]
 //
 // Scale: with navigation from it; from the first pair's baseline where its length is known, held.
-// Else from the bent rays where they tell it (RaysTellScale), kept by a prior of 30 % from leaping
+// Else from the bent rays where they tell it (RaysTellScale), kept by a prior of 100 % from leaping
 // between adjustments; where they do not it is that of the first pair, held.
 #pragma once
 

@@ -6,6 +6,7 @@
 
 #include "tools/common/exit.h"
 #include "tools/common/stage_progress.h"
+#include "tools/offline/report_json.h"
 #include "tools/reconstruction/reconstruct.h"
 #include "tools/rsfm_tool/camera_flags.h"
 
@@ -61,8 +62,7 @@ void PrintModel(const ReconstructRequest& request, const ReconstructedModel& mod
     std::printf("  bend       %+.4f +- %.4f m over a radius of %.2f m\n", bend->sagitta_m,
                 bend->sigma_m, bend->radius_m);
   for (const ParameterEstimate& p : model.observability->parameters)
-    std::printf("  %-18s %12.6g -> %12.6g +- %.2g, %s\n", p.name.c_str(), p.start, p.value, p.sigma,
-                p.verdict.c_str());
+    std::printf("  %s\n", Describe(p).c_str());
 }
 
 void PrintFindings(const ReconstructRequest& request, const ReconstructResult& result) {

@@ -38,10 +38,8 @@ void PrintFindings(const RefineResult& result) {
   if (const auto& bend = result.observability->bend)
     std::printf("bend         %+.4f +- %.4f m over a radius of %.2f m\n", bend->sagitta_m,
                 bend->sigma_m, bend->radius_m);
-  for (const ParameterEstimate& p : result.observability->parameters) {
-    std::printf("%-20s %12.6g -> %12.6g +- %.2g, %s (correlation with scale %+.2f)\n",
-                p.name.c_str(), p.start, p.value, p.sigma, p.verdict.c_str(), p.scale_correlation);
-  }
+  for (const ParameterEstimate& p : result.observability->parameters)
+    std::printf("%s\n", Describe(p).c_str());
 }
 
 LossType LossOf(const std::string& name) {
@@ -62,7 +60,8 @@ CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options) {
   verb->add_option("--loss", options->loss, "robust loss of image errors: cauchy, huber or none")
       ->check(CLI::IsMember({"cauchy", "huber", "none"}))
       ->capture_default_str();
-  verb->add_option("--loss-px", options->loss_px, "image error where the loss begins to bend at the latest [px]")
+  verb->add_option("--loss-px", options->loss_px,
+                   "image error where the loss begins to bend at the latest [px]")
       ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
   return verb;
