@@ -20,6 +20,13 @@ bool Find(const std::string_view (&names)[N], std::string_view name, Enum* value
   return false;
 }
 
+// Nothing (an empty name, no bytes) for a value that the enumeration does not have.
+template <class Enum, class Value, std::size_t N>
+Value At(const Value (&values)[N], Enum value) {
+  const auto i = static_cast<std::size_t>(value);
+  return i < N ? values[i] : Value();
+}
+
 // A closed range for one option; NaN lies in none.
 struct Range {
   const char* name;
@@ -28,19 +35,15 @@ struct Range {
 
 }  // namespace
 
-std::string_view ToString(Rhythm rhythm) noexcept { return kRhythmNames[static_cast<int>(rhythm)]; }
-std::string_view ToString(DescriptorType type) noexcept {
-  return kDescriptorNames[static_cast<int>(type)];
-}
+std::string_view ToString(Rhythm rhythm) noexcept { return At(kRhythmNames, rhythm); }
+std::string_view ToString(DescriptorType type) noexcept { return At(kDescriptorNames, type); }
 bool FromString(std::string_view name, Rhythm* rhythm) noexcept {
   return Find(kRhythmNames, name, rhythm);
 }
 bool FromString(std::string_view name, DescriptorType* type) noexcept {
   return Find(kDescriptorNames, name, type);
 }
-int DescriptorBytes(DescriptorType type) noexcept {
-  return kDescriptorBytes[static_cast<int>(type)];
-}
+int DescriptorBytes(DescriptorType type) noexcept { return At(kDescriptorBytes, type); }
 
 Status MapperOptions::Validate() const noexcept {
   const Range ranges[] = {

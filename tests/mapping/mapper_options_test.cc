@@ -34,6 +34,17 @@ TEST(MapperOptions, EveryNumberIsCheckedByName) {
   });
 }
 
+TEST(MapperOptions, ValuesThatAreNoneHaveNoName) {
+  EXPECT_EQ(ToString(Rhythm::kVideo), "video");
+  EXPECT_EQ(ToString(DescriptorType::kAkaze), "akaze");
+  for (const int value : {2, 4, 15, 255}) {
+    EXPECT_EQ(ToString(static_cast<Rhythm>(value)), "") << value;
+    if (value == 2) continue;
+    EXPECT_EQ(ToString(static_cast<DescriptorType>(value)), "") << value;
+    EXPECT_EQ(DescriptorBytes(static_cast<DescriptorType>(value)), 0) << value;
+  }
+}
+
 TEST(MapperOptions, RefusesContradictions) {
   MapperOptions options;
   options.mask.TryPushBack({10, 10, 10, 20});
