@@ -12,6 +12,7 @@ namespace {
 constexpr int kWaitingPerStep = 2;    // keyframes without pose tried again after each new one
 constexpr int kMinSimilarity = 12;    // of its strongest features, for such a try
 constexpr int kPlentyOfInliers = 80;  // below, older keyframes are asked as well
+constexpr double kFloor_m = 0.02, kFloor_rad = 0.005;  // smaller jumps are none for anybody
 
 std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
@@ -30,18 +31,19 @@ std::size_t MemoryPlan::total() const {
 }
 
 Expected<std::unique_ptr<IncrementalMapper>> IncrementalMapper::Create(
-    const MapperOptions& options, const AnyCamera& camera, const Rigid3& body_from_camera) {
+    const MapperOptions& options, const AnyCamera& camera, const Rigid3& body_from_camera,
+    const LoopOptions& loops) {
   if (const Status status = options.Validate(); !status) return tl::unexpected(status.error());
   auto nav = NavAid::Create(options, body_from_camera);
   if (!nav) return tl::unexpected(nav.error());
   auto adjuster = WindowAdjuster::Create(options, camera);
   if (!adjuster) return tl::unexpected(adjuster.error());
   return std::unique_ptr<IncrementalMapper>(
-      new IncrementalMapper(options, camera, std::move(*nav), std::move(*adjuster)));
+      new IncrementalMapper(options, camera, std::move(*nav), std::move(*adjuster), loops));
 }
 
 IncrementalMapper::IncrementalMapper(const MapperOptions& options, const AnyCamera& camera,
-                                     NavAid nav, WindowAdjuster adjuster)
+                                     NavAid nav, WindowAdjuster adjuster, const LoopOptions& loops)
     : options_(options),
       camera_(camera),
       nav_(std::move(nav)),
@@ -50,6 +52,7 @@ IncrementalMapper::IncrementalMapper(const MapperOptions& options, const AnyCame
       initialiser_(options, camera),
       grower_(options, camera),
       adjuster_(std::move(adjuster)),
+      loops_(options, loops, camera),
       candidates_(Count(options.max_keyframes)) {
   water_.index = camera.config().port.index_water;
 }
@@ -62,6 +65,7 @@ MemoryPlan IncrementalMapper::memory_plan() const {
   plan.items.TryPushBack({"two views", initialiser_.bytes()});
   plan.items.TryPushBack({"triangulation", grower_.bytes()});
   plan.items.TryPushBack({"window adjustment", adjuster_.bytes()});
+  plan.items.TryPushBack({"places and loops", loops_.bytes()});
   plan.items.TryPushBack({"navigation", nav_.bytes()});
   return plan;
 }
@@ -119,6 +123,7 @@ void IncrementalMapper::BeginReport(Utime utime) noexcept {
   next.scale_is_metric = report_.scale_is_metric;
   next.world_is_ned = report_.world_is_ned;
   report_ = next;
+  has_jumped_ = false;
   last_utime_ = utime;
   ++frame_count_;
 }
@@ -149,6 +154,7 @@ void IncrementalMapper::FollowWater(Utime utime) noexcept {
   initialiser_.SetCamera(*camera);
   grower_.SetCamera(*camera);
   adjuster_.SetCamera(*camera);
+  loops_.SetCamera(*camera);
 }
 
 // A frame with descriptors becomes a keyframe, without pose to begin with.
@@ -284,7 +290,43 @@ void IncrementalMapper::AdjustWindow(SlotId keyframe) noexcept {
   report_.window_error_px = adjusted->mean_error_px;
   report_.num_culled += grower_.Cull(&map_, adjuster_.window());
   TakeNewest(keyframe);
-  if (adjuster_.has_left()) report_.left_window = adjuster_.window().front();
+  if (!adjuster_.has_left()) return;
+  report_.left_window = adjuster_.window().front();
+  CloseLoop(report_.left_window);
+}
+
+// The keyframe that has left the window is the next of the way. Where it closes a loop, the map
+// moves: keyframes as the way does, the window as one with its oldest.
+void IncrementalMapper::CloseLoop(SlotId left) noexcept {
+  constexpr double kUnnoticed_m = 0.005, kUnnoticed_rad = 0.001;
+  const std::int32_t left_id = map_.keyframe(left).id;
+  const Vec3 left_at = map_.keyframe(left).camera_from_world.OriginOfTarget();
+  if (!loops_.Add(map_, left, report_.world_is_ned)) return;
+  Rigid3 moved = loops_.Correction(left_id);
+  if (report_.world_is_ned) {  // attitude and gravity stay
+    const Quat turn = ExpSo3(Vec3(0.0, 0.0, LogSo3(moved.rotation).z()));
+    moved = {turn, moved * left_at - turn * left_at};
+  }
+  const auto correction = [&](std::int32_t id) {
+    return id < left_id ? loops_.Correction(id) : moved;
+  };
+  map_.landmarks().ForEach([&](SlotId, Landmark& landmark) {
+    if (landmark.observations.empty()) return;
+    const Keyframe& newest = map_.keyframe(landmark.observations.back().keyframe);
+    landmark.point_in_world = correction(newest.id) * landmark.point_in_world;
+    landmark.is_changed = true;
+  });
+  for (const SlotId id : map_.keyframes()) {
+    Keyframe& keyframe = map_.keyframe(id);
+    if (keyframe.is_placed)
+      keyframe.camera_from_world = keyframe.camera_from_world * correction(keyframe.id).Inverse();
+  }
+  adjuster_.Move(moved);
+  const Vec3 was_at = report_.camera_from_world.OriginOfTarget();
+  report_.camera_from_world = report_.camera_from_world * moved.Inverse();
+  base_.camera_from_world = next_base_.camera_from_world = report_.camera_from_world;
+  has_jumped_ = (report_.camera_from_world.OriginOfTarget() - was_at).norm() > kUnnoticed_m ||
+                LogSo3(moved.rotation).norm() > kUnnoticed_rad;
 }
 
 // The keyframe's pose is the frame's.
@@ -329,6 +371,7 @@ void IncrementalMapper::FindWorld(SlotId keyframe) noexcept {
 void IncrementalMapper::BeginWorld() noexcept {
   report_.world = ++report_.reset_counter;
   has_published_ = false;
+  loops_.Clear();
 }
 
 // Keyframes that had no pose may share landmarks with the newest one.
@@ -395,12 +438,15 @@ std::optional<IncrementalMapper::KnownPose> IncrementalMapper::Predict(Utime uti
   return MoveOn(base_, utime);
 }
 
-// A pose that is not where the one before it and navigation put it, by their covariance, is a jump.
-// What is smaller than the floor is none for anybody.
+// A pose that is not where the one before it and navigation put it, by their covariance, is a jump,
+// and so is every correction by a loop.
 void IncrementalMapper::AnnounceJump() noexcept {
-  constexpr double kSigmas = 3.0, kFloor_m = 0.02, kFloor_rad = 0.005;
+  constexpr double kSigmas = 3.0;
   if (!report_.has_pose) return;
-  if (has_published_) {
+  if (has_jumped_) {
+    ++report_.reset_counter;
+    has_jumped_ = false;
+  } else if (has_published_) {
     if (const auto expected = MoveOn(published_, last_utime_)) {
       const Rigid3 jump = report_.camera_from_world * expected->camera_from_world.Inverse();
       const auto is_over = [](const Vec3& by, const Mat3& covariance, double floor) {

@@ -6,9 +6,11 @@
 //
 // A frame is placed by the landmarks it shows (frame_placer.h); if it carries descriptors it
 // becomes a keyframe, adds to the map (map_grower.h), and a window of keyframes is adjusted
-// (window_adjuster.h). The first map comes from two views (initialiser.h), with scale from
-// navigation where it spans them. A frame that shows too little is looked for among older
-// keyframes; keyframes that could not be placed wait, and are tried again as the map grows.
+// (window_adjuster.h). What has left the window is a place that may be seen again (loop_closer.h):
+// then the way between is corrected, and with it the map. The first map comes from two views
+// (initialiser.h), with scale from navigation where it spans them. A frame that shows too little is
+// looked for among older keyframes; keyframes that could not be placed wait, and are tried again as
+// the map grows.
 #pragma once
 
 #include <memory>
@@ -17,6 +19,7 @@
 
 #include "rsfm/mapping/frame_placer.h"
 #include "rsfm/mapping/initialiser.h"
+#include "rsfm/mapping/loop_closer.h"
 #include "rsfm/mapping/map_grower.h"
 #include "rsfm/mapping/nav_aid.h"
 #include "rsfm/mapping/window_adjuster.h"
@@ -74,7 +77,8 @@ class IncrementalMapper {
   // kInvalidArgument; `where` is the option. The only place that allocates.
   static Expected<std::unique_ptr<IncrementalMapper>> Create(const MapperOptions& options,
                                                              const AnyCamera& camera,
-                                                             const Rigid3& body_from_camera);
+                                                             const Rigid3& body_from_camera,
+                                                             const LoopOptions& loops = {});
 
   // Takes one frame. Never allocates, throws or logs; on error the map is as it was.
   //   kOutOfOrder       not newer than the frame before
@@ -88,6 +92,8 @@ class IncrementalMapper {
   Map& map() { return map_; }  // for the owner to clear Landmark::is_changed
   // What is known of the navigation sensors' errors, and how well.
   const WindowAdjuster& adjuster() const { return adjuster_; }
+  // The way since the world began, and the loops in it.
+  const LoopCloser& loops() const { return loops_; }
   MapperState state() const { return report_.state; }
   // After Step: the water that this frame was seen through.
   const WaterInUse& water() const { return water_; }
@@ -97,7 +103,7 @@ class IncrementalMapper {
 
  private:
   IncrementalMapper(const MapperOptions& options, const AnyCamera& camera, NavAid nav,
-                    WindowAdjuster adjuster);
+                    WindowAdjuster adjuster, const LoopOptions& loops);
 
   Status Check(const FrameObservations& frame) const noexcept;
   void BeginReport(Utime utime) noexcept;
@@ -115,6 +121,7 @@ class IncrementalMapper {
   void Extend(SlotId keyframe) noexcept;
   void PlaceWaiting(SlotId newest) noexcept;
   void AdjustWindow(SlotId keyframe) noexcept;
+  void CloseLoop(SlotId left) noexcept;
   void FindWorld(SlotId keyframe) noexcept;
   void TakeNewest(SlotId keyframe) noexcept;
   void CoastOn(Utime utime) noexcept;
@@ -140,6 +147,7 @@ class IncrementalMapper {
   Initialiser initialiser_;
   MapGrower grower_;
   WindowAdjuster adjuster_;
+  LoopCloser loops_;
   FixedVector<SlotId> candidates_;
 
   StepReport report_;  // of the last frame
@@ -151,7 +159,8 @@ class IncrementalMapper {
   KnownPose next_base_;  // of a long outage: takes base_'s place before navigation forgets that
   KnownPose published_;  // of the last frame that had a pose
   bool has_published_ = false;
-  bool has_seen_ = false;  // an image with features
+  bool has_jumped_ = false;  // in this frame, by a loop
+  bool has_seen_ = false;    // an image with features
   int frames_lost_ = 0;
   std::uint64_t frame_count_ = 0;
 };

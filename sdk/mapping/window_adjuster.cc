@@ -98,6 +98,18 @@ void WindowAdjuster::Translate(const Vec3& by_m, const Vec3& sigma_m) noexcept {
       prior_.AddTranslationNoise(Vec3::Unit(axis), sigma_m[axis] * sigma_m[axis]);
 }
 
+void WindowAdjuster::Move(const Rigid3& new_world_from_world) noexcept {
+  const Rigid3 back = new_world_from_world.Inverse();
+  for (Rigid3& pose : prior_.first_estimates) pose = pose * back;
+  base_from_world_ = base_from_world_ * back;
+  gauge_place_.measured = new_world_from_world * gauge_place_.measured;
+  if (!prior_.has_states) return;
+  // The compass says what it said: its bias takes the turn.
+  const double turned_rad = LogSo3(new_world_from_world.rotation).z();
+  states_[kHeadingBias] -= turned_rad;
+  prior_.first_states[kHeadingBias] -= turned_rad;
+}
+
 // The newest placed keyframes. Those that the prior knows are in; of others that were placed late
 // the oldest stay out when there are too many.
 void WindowAdjuster::SelectWindow(const Map& map) noexcept {

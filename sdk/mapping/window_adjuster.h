@@ -31,6 +31,10 @@ class WindowAdjuster {
   // The owner has moved the world, and knows its place only to these sigmas more.
   void Translate(const Vec3& by_m, const Vec3& sigma_m) noexcept;
 
+  // The owner has moved the whole world, in a NED one about the vertical: nothing in it has become
+  // more or less certain.
+  void Move(const Rigid3& new_world_from_world) noexcept;
+
   // Adjusts the newest placed keyframes, at most window_keyframes; once there are as many, the
   // oldest leaves. `nav` is null where the world is not NED. On error the map is as it was.
   Expected<WindowBaReport> Adjust(Map* map, NavAid* nav) noexcept;

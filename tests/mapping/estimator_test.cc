@@ -126,6 +126,44 @@ TEST(Estimator, DeadReckonsThroughAnOutageKnowingHowWell) {
             0.2);
 }
 
+// Out and back beside its own way, long after that has left the map: the loops that are found there
+// correct the way and the pose, each jump is announced, and the world stays the same.
+TEST(Estimator, RevisitsCloseLoops) {
+  SimulatedMissionOptions options;
+  options.legs = 2;
+  options.leg_m = 16.0;
+  options.spacing_m = 1.0;
+  options.max_features = 130;
+  options.heading_drift_deg = 10.0;
+  const SimulatedMission mission(options);
+  MapperOptions mapper_options = mission.Mapper();
+  mapper_options.heading_drift_deg = 10.0;
+  double end_error_m[2] = {};
+  for (const bool with_loops : {false, true}) {
+    LoopOptions loops;
+    loops.max_places = with_loops ? 30 : 0;  // fewer than there are: they are thinned out
+    loops.max_nodes = 1000;
+    const auto mapper =
+        IncrementalMapper::Create(mapper_options, mission.camera(), DownwardCamera(), loops)
+            .value();
+    const Flight flight = Fly(mission, mapper.get(), mission.num_frames());
+    end_error_m[with_loops] =
+        (flight.found.back() - flight.found[0] - flight.truth.back() + flight.truth[0]).norm();
+    EXPECT_EQ(flight.heap_calls, 0u);
+    EXPECT_EQ(flight.reports.back().world, 0);
+    EXPECT_EQ(mapper->loops().num_closed() > 10, with_loops);
+    EXPECT_EQ(flight.reports.back().reset_counter > 0, with_loops);
+    EXPECT_LE(mapper->loops().num_places(), 30);
+    // No step of the pose between two frames is unannounced: the vehicle goes 0.25 m.
+    for (std::size_t i = 2; i < flight.reports.size(); ++i) {
+      if (flight.reports[i].reset_counter != flight.reports[i - 1].reset_counter) continue;
+      EXPECT_LT((flight.found[i - 1] - flight.found[i - 2]).norm(), 0.35) << i;
+    }
+  }
+  std::printf("out and back: %.3f m off, with loops %.3f m\n", end_error_m[0], end_error_m[1]);
+  EXPECT_LT(end_error_m[1], 0.5 * end_error_m[0]);
+}
+
 // A fix that is 20 m off, a depth that stops: refused or outweighed, and counted.
 TEST(Estimator, OneWrongSensorDoesNotTakeItAway) {
   SimulatedMissionOptions options;
