@@ -24,20 +24,22 @@ void Attitude(const NavFactor& factor, const CarriedBody& body, const NavStates&
 void Displacement(const NavFactor& factor, const CarriedBody& a, const CarriedBody& b,
                   const NavStates& states, NavEvaluation* result) {
   const Mat3 biased = ExpSo3(Vec3(0.0, 0.0, states[kHeadingBias])).toRotationMatrix();
-  const double part = 1.0 - states[kVelocityScale];
-  const Vec3 aligned =
-      factor.measured_m + factor.by_misalignment * states.segment<3>(kMisalignment);
+  const double scale = 1.0 + states[kVelocityScale];
   const Vec3 between = biased * (b.position - a.position);
-  result->residual = between + states[kClockOffset] * factor.velocity_mps - part * aligned +
+  // The scale multiplies the poses and not the measurement: that one's noise would be squared in
+  // the normal equations, and pull at a scale that little else holds.
+  const Vec3 moved = between + states[kClockOffset] * factor.velocity_mps +
                      factor.turned * states.segment<3>(kVelocityLever);
-  result->d_residual_d_a = -biased * a.d_position;
-  result->d_residual_d_b = biased * b.d_position;
+  result->residual =
+      scale * moved - factor.measured_m - factor.by_misalignment * states.segment<3>(kMisalignment);
+  result->d_residual_d_a = -scale * biased * a.d_position;
+  result->d_residual_d_b = scale * biased * b.d_position;
   auto& d_states = result->d_residual_d_states;
-  d_states.col(kHeadingBias) = Vec3::UnitZ().cross(between);
-  d_states.col(kVelocityScale) = aligned;
-  d_states.middleCols<3>(kMisalignment) = -part * factor.by_misalignment;
-  d_states.middleCols<3>(kVelocityLever) = factor.turned;
-  d_states.col(kClockOffset) = factor.velocity_mps;
+  d_states.col(kHeadingBias) = scale * Vec3::UnitZ().cross(between);
+  d_states.col(kVelocityScale) = moved;
+  d_states.middleCols<3>(kMisalignment) = -factor.by_misalignment;
+  d_states.middleCols<3>(kVelocityLever) = scale * factor.turned;
+  d_states.col(kClockOffset) = scale * factor.velocity_mps;
 }
 
 }  // namespace

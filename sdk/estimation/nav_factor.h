@@ -7,7 +7,7 @@
 //   attitude        measured = Exp(heading_bias e_down) ned_from_body
 //   Doppler log     measured = (1 + scale) Exp(misalignment) (v + w x lever) in the body, so that
 //                   the displacement of the body's origin is, to first order in the states,
-//                     Exp(heading_bias e_down) (p_b - p_a) = (1 - scale)(D + B m) - (R_b - R_a) l,
+//                     (1 + scale)(Exp(heading_bias e_down) (p_b - p_a) + (R_b - R_a) l) = D + B m,
 //                     D = sum R_i v_i dt,  B = sum R_i Hat(v_i) dt  with the measured R_i, v_i
 //   clock           measured(t) is the truth at t + clock_offset
 //

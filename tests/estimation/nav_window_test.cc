@@ -259,7 +259,7 @@ Mission MakeMission(const AnyCamera& camera, const MissionOptions& options) {
     const CarriedBody before(kBodyFromCamera, poses[static_cast<std::size_t>(k - 1)]);
     NavFactor moved = Make(NavFactorKind::kDisplacement, k - 1, k, kSigmaDisplacement);
     moved.measured_m = ExpSo3(Vec3(0, 0, options.heading_bias_rad)) *
-                       (body.position - before.position) / (1.0 - options.scale);
+                       (body.position - before.position) * (1.0 + options.scale);
     moved.measured_m += RandomVector(&rng, options.noise * kSigmaDisplacement);
     moved.by_misalignment = -Hat(moved.measured_m);
     moved.turned = body.world_from_body - before.world_from_body;
