@@ -19,6 +19,8 @@ enum class ParameterKind : std::uint8_t {
   kDistance,
   kCenter,
   kIndex,
+  kMount,  // body_from_camera
+  kClock,  // navigation's, against the images'
 };
 
 struct ParameterEstimate {

@@ -154,24 +154,27 @@ IoExpected<RefineResult> Refine(const RefineRequest& request) {
   }
   result.camera_before = scene.camera;
   if (!request.uwpinhole) result.water = loaded->water;
-  const NavigationInput navigation{loaded->nav, loaded->rig.body_from_camera, loaded->rig.mapper};
+  NavigationFit navigation({loaded->nav, loaded->rig.body_from_camera, loaded->rig.mapper},
+                           request.mount);
   RefineSceneOptions options = request.scene;
   options.progress = request.progress;
   ChooseParameters(request, &options);
   if (!loaded->rig.world.scale_is_metric && RaysTellScale(scene.camera.port.type, options.bundle))
     options.bundle.scale_sigma = kSoftScale;
-  if (!navigation.samples.empty()) {
-    options.navigate = [&](Scene* s) {
-      result.alignment = AlignToNavigation(navigation, s);
-      // Priors of a world that could not be turned into navigation's frame would bend it.
-      s->priors =
-          result.alignment.attitude ? NavigationPriors(navigation, *s) : std::vector<PosePrior>();
-    };
+  if (loaded->nav.empty() && request.mount.Any()) {
+    return Fail({Errc::kNotEnoughData, request.input.string(), "navigation",
+                 "has no sample that a camera's mount or a clock could be compared with",
+                 "give navigation with --nav, or leave --refine-mount and --refine-clock out"});
   }
+  if (!loaded->nav.empty())
+    options.navigate = [&](Scene* s) { result.alignment = navigation.Apply(s); };
+  options.navigate_each_round = request.mount.Any();
   auto report = RefineScene(options, &scene);
   if (!report) return Fail(Explain(request, report.error()));
   result.scene = std::move(*report);
   result.camera_after = scene.camera;
+  result.mount = navigation.estimates();
+  loaded->rig.body_from_camera = navigation.input().body_from_camera;
   if (result.scene.interrupted) return result;
   const auto observability = AnalyseObservability(result.scene.bundle, options.bundle,
                                                   {result.camera_before}, ToBundle(scene).problem);

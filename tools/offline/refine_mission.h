@@ -9,7 +9,7 @@
 #include "rsfm/io/diagnostic.h"
 #include "rsfm/io/mission.h"
 #include "rsfm/io/model.h"
-#include "tools/offline/navigation.h"
+#include "tools/offline/navigation_fit.h"
 #include "tools/offline/observability.h"
 #include "tools/offline/refine_scene.h"
 
@@ -21,6 +21,7 @@ struct RefineRequest {
   std::optional<std::filesystem::path> nav;  // in place of the mission's own navigation
   bool refine_port = false;
   bool refine_lens = false;
+  MountOptions mount;
   bool uwpinhole = false;    // the baseline: no port, a lens that is made to absorb it
   RefineSceneOptions scene;  // its progress and navigate are set here
   std::function<bool(const std::string&, double)> progress;
@@ -29,6 +30,7 @@ struct RefineRequest {
 struct RefineResult {
   RefineSceneReport scene;
   NavigationAlignment alignment;
+  std::vector<ParameterEstimate> mount;  // camera's mount and navigation's clock, where asked for
   std::optional<ObservabilityReport> observability;  // none where the poses are not determined
   CameraConfig camera_before, camera_after;
   int num_images = 0;  // offered

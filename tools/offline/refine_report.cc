@@ -79,6 +79,7 @@ std::string FormatRefineReport(const RefineRequest& request, const RefineResult&
   json["camera_before"] = CameraJson(result.camera_before);
   json["camera_after"] = CameraJson(result.camera_after);
   json["observability"] = result.observability ? ObservabilityJson(*result.observability) : Json();
+  if (!result.mount.empty()) json["mount"] = EstimatesJson(result.mount);
   json["warnings"] = result.observability ? ObservabilityWarnings(*result.observability)
                                           : std::vector<std::string>();
   json["rounds"] = Json::array();

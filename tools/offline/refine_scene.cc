@@ -211,6 +211,7 @@ class Refiner {
     round.refines_camera = options.lens.Any() || options.port.Any();
     round.sigma_px = options.sigma_px;
     round.tracks = UpdateTracks(graph, options_.tracks, &scene_);
+    if (options_.navigate && options_.navigate_each_round) options_.navigate(&scene_);
     SceneBundle bundle = ToBundle(scene_);
     BundleOptions adjust = options;
     const std::size_t number = report_.rounds.size() + 1;

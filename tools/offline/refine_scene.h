@@ -31,8 +31,10 @@ struct RefineSceneOptions {
   double min_improvement = 0.001;  // ... and the mean error falls by no more than this part
   double growth = 0.15;            // more images since the last global adjustment: another one
   // Brings the scene into navigation's frame and sets its priors, where there is navigation. Called
-  // with the map as it comes, if one does, and again when all images are placed.
+  // with the map as it comes, if one does, again when all images are placed, and before each round
+  // where it estimates something itself.
   std::function<void(Scene*)> navigate;
+  bool navigate_each_round = false;
   // What is being done, how far (0 ... 1); false stops.
   std::function<bool(const std::string&, double)> progress;
 };

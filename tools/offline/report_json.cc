@@ -15,6 +15,20 @@ nlohmann::ordered_json CameraJson(const CameraConfig& camera) {
   return json;
 }
 
+nlohmann::ordered_json EstimatesJson(const std::vector<ParameterEstimate>& estimates) {
+  nlohmann::ordered_json json = nlohmann::ordered_json::array();
+  for (const ParameterEstimate& p : estimates) {
+    json.push_back({{"name", p.name},
+                    {"start", p.start},
+                    {"value", p.value},
+                    {"sigma", p.sigma},
+                    {"prior_sigma", p.prior_sigma},
+                    {"scale_correlation", p.scale_correlation},
+                    {"verdict", p.verdict}});
+  }
+  return json;
+}
+
 nlohmann::ordered_json ObservabilityJson(const ObservabilityReport& report) {
   nlohmann::ordered_json json = {{"noise_px", report.noise_px},
                                  {"scale_sigma", report.scale_sigma}};
@@ -24,16 +38,7 @@ nlohmann::ordered_json ObservabilityJson(const ObservabilityReport& report) {
                     {"radius_m", report.bend->radius_m},
                     {"along_line", report.bend->along_line}};
   }
-  json["parameters"] = nlohmann::ordered_json::array();
-  for (const ParameterEstimate& p : report.parameters) {
-    json["parameters"].push_back({{"name", p.name},
-                                  {"start", p.start},
-                                  {"value", p.value},
-                                  {"sigma", p.sigma},
-                                  {"prior_sigma", p.prior_sigma},
-                                  {"scale_correlation", p.scale_correlation},
-                                  {"verdict", p.verdict}});
-  }
+  json["parameters"] = EstimatesJson(report.parameters);
   json["held_sigmas"] = report.held_sigmas;
   json["held"] = nlohmann::ordered_json::array();
   for (const ParameterDoubt& d : report.held) {
@@ -54,14 +59,15 @@ nlohmann::ordered_json ResidualsJson(const NavigationResiduals& r) {
           {"depth_rms_m", r.depth_rms_m}};
 }
 
-std::string Describe(const ParameterEstimate& estimate) {
+std::string Describe(const ParameterEstimate& e) {
   constexpr double kGoesWith = 0.9;
-  char text[200];
-  std::snprintf(text, sizeof text,
-                "%-20s %12.6g -> %12.6g +- %.2g, %s (correlation with scale %+.2f%s)",
-                estimate.name.c_str(), estimate.start, estimate.value, estimate.sigma,
-                estimate.verdict.c_str(), estimate.scale_correlation,
-                std::abs(estimate.scale_correlation) > kGoesWith ? ": as good as that" : "");
+  char text[200], scale[80] = "";
+  if (e.scale_correlation != 0.0) {
+    std::snprintf(scale, sizeof scale, " (correlation with scale %+.2f%s)", e.scale_correlation,
+                  std::abs(e.scale_correlation) > kGoesWith ? ": as good as that" : "");
+  }
+  std::snprintf(text, sizeof text, "%-20s %12.6g -> %12.6g +- %.2g, %s%s", e.name.c_str(), e.start,
+                e.value, e.sigma, e.verdict.c_str(), scale);
   return text;
 }
 

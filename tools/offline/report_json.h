@@ -22,6 +22,8 @@ nlohmann::ordered_json ObservabilityJson(const ObservabilityReport& report);
 // How far the map lies from navigation.
 nlohmann::ordered_json ResidualsJson(const NavigationResiduals& residuals);
 
+nlohmann::ordered_json EstimatesJson(const std::vector<ParameterEstimate>& estimates);
+
 // One parameter in a line, for people.
 std::string Describe(const ParameterEstimate& estimate);
 

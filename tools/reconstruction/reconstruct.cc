@@ -123,6 +123,7 @@ class Reconstruction {
     std::vector<Utime> utimes;
     for (const SceneImage& image : scene_.images) utimes.push_back(image.utime);
     at_images_.emplace(navigation_, utimes);
+    fit_.emplace(navigation_, request_.mount);
     if (at_images_->num_covered() > 0) return;
     Distrust(at_images_->why_not());
   }
@@ -233,14 +234,13 @@ class Reconstruction {
     scene->priors.clear();
     alignment_ = {};
     if (!UsesNavigation()) return;
-    alignment_ = AlignToNavigation(navigation_, scene);
+    alignment_ = fit_->Apply(scene);
     const std::string why = Contradiction(at_images_->Compare(PlacedPoses(*scene)), alignment_);
     if (!why.empty() && scene->NumPlaced() >= 6) {
       Distrust(why);
       alignment_ = {};
-      return;
+      scene->priors.clear();
     }
-    if (alignment_.attitude) scene->priors = NavigationPriors(navigation_, *scene);
   }
 
   // One checkpoint for what is asked: the same images, pairs, camera and options.
@@ -250,8 +250,8 @@ class Reconstruction {
     AppendBinary(&text, static_cast<std::uint64_t>(result_.num_verified_matches));
     for (const double value : camera_.lens_params) AppendBinary(&text, value);
     for (const double value : camera_.port.Params()) AppendBinary(&text, value);
-    for (const bool flag :
-         {request_.refine_port, request_.refine_lens, request_.uwpinhole, request_.nav_scale_only})
+    for (const bool flag : {request_.refine_port, request_.refine_lens, request_.uwpinhole,
+                            request_.nav_scale_only, request_.mount.mount, request_.mount.clock})
       AppendBinary(&text, static_cast<std::uint8_t>(flag));
     AppendBinary(&text, request_.first_baseline_m);
     AppendBinary(&text, request_.seed);
@@ -338,6 +338,10 @@ class Reconstruction {
     if (observability) model.observability = *observability;
     ColourPoints();
     Rig rig = rig_;
+    if (model.alignment.attitude) {
+      model.mount = fit_->estimates();
+      rig.body_from_camera = fit_->input().body_from_camera;
+    }
     DescribeWorld(model, &rig.world);
     model.model = ModelFromScene(scene_, rig);
     result_.models.push_back(std::move(model));
@@ -407,6 +411,7 @@ class Reconstruction {
   NavigationInput navigation_;
   std::optional<ImageNavigation> at_images_;
   bool distrusted_ = false;
+  std::optional<NavigationFit> fit_;
   NavigationAlignment alignment_;
   Scene scene_;
   std::vector<VerifiedPair> pairs_;

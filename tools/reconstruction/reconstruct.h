@@ -9,6 +9,7 @@
 
 #include "rsfm/io/model.h"
 #include "tools/offline/image_navigation.h"
+#include "tools/offline/navigation_fit.h"
 #include "tools/offline/observability.h"
 #include "tools/reconstruction/extraction.h"
 #include "tools/reconstruction/incremental.h"
@@ -28,6 +29,7 @@ struct ReconstructRequest {
   bool refine_port = false;
   bool refine_lens = false;
   bool uwpinhole = false;
+  MountOptions mount;
   bool guided = false;            // more matches along epipolar curves when all is placed
   bool nav_scale_only = false;    // navigation gives the first pair's baseline and nothing else
   double first_baseline_m = 0.0;  // length of the first pair's baseline, where it is known; 0: not
@@ -48,6 +50,7 @@ struct ReconstructedModel {
   CameraConfig camera;
   NavigationAlignment alignment;                     // all false without navigation
   std::optional<NavigationResiduals> residuals;      // with navigation
+  std::vector<ParameterEstimate> mount;              // and its clock, where asked for
   std::optional<ObservabilityReport> observability;  // none where the poses are not determined
 };
 

@@ -53,6 +53,7 @@ Json ModelJson(const ReconstructRequest& request, const ReconstructResult& resul
       {"scale", ScaleSource(request, model)},
       {"camera", CameraJson(model.camera)},
       {"navigation", NavigationJson(model)}};
+  if (!model.mount.empty()) json["mount"] = EstimatesJson(model.mount);
   if (model.observability) json["observability"] = ObservabilityJson(*model.observability);
   return json;
 }

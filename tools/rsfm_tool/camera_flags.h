@@ -1,7 +1,11 @@
-// The flags that refine and reconstruct share: what becomes of the camera, more matches.
+// The flags that refine and reconstruct share: what becomes of the camera and of its mount, more
+// matches.
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <array>
+
+#include "tools/offline/navigation_fit.h"
 
 namespace rsfm {
 
@@ -15,6 +19,13 @@ inline void AddCameraFlags(CLI::App* verb, bool* refine_port, bool* refine_lens,
   verb->add_flag("--uwpinhole", *uwpinhole,
                  "the usual approximation, for comparison: no port, a lens made to absorb it")
       ->excludes(port);
+}
+
+inline std::array<CLI::Option*, 2> AddMountFlags(CLI::App* verb, MountOptions* mount) {
+  return {verb->add_flag("--refine-mount", mount->mount,
+                         "how the camera is mounted: lever arm and angles of body_from_camera"),
+          verb->add_flag("--refine-clock", mount->clock,
+                         "by how much navigation's clock is ahead of the images'")};
 }
 
 }  // namespace rsfm

@@ -24,6 +24,7 @@ ReconstructRequest ToRequest(const ReconstructOptions& options) {
   request.refine_port = options.refine_port;
   request.refine_lens = options.refine_lens;
   request.uwpinhole = options.uwpinhole;
+  request.mount = options.mount;
   request.guided = options.guided;
   request.nav_scale_only = options.nav_scale_only;
   request.first_baseline_m = options.first_baseline_m;
@@ -57,6 +58,7 @@ void PrintModel(const ReconstructRequest& request, const ReconstructedModel& mod
   }
   if (model.residuals && model.residuals->num_positions > 0)
     std::printf("  navigation positions differ by %.3f m RMS\n", model.residuals->position_rms_m);
+  for (const ParameterEstimate& p : model.mount) std::printf("  %s\n", Describe(p).c_str());
   if (!model.observability) return;
   if (const auto& bend = model.observability->bend)
     std::printf("  bend       %+.4f +- %.4f m over a radius of %.2f m\n", bend->sagitta_m,
@@ -96,6 +98,7 @@ CLI::App* DeclareReconstruct(CLI::App& app, ReconstructOptions* options) {
   verb->add_option("--times", options->times, "IMAGES.csv: image,utime");
   verb->add_flag("--guided", options->guided, kGuidedHelp);
   AddCameraFlags(verb, &options->refine_port, &options->refine_lens, &options->uwpinhole);
+  for (CLI::Option* flag : AddMountFlags(verb, &options->mount)) flag->needs(nav);
   verb->add_option("--first-baseline", options->first_baseline_m,
                    "length of the first pair's baseline [m], where it is known")
       ->check(CLI::PositiveNumber);

@@ -4,6 +4,8 @@
 #include <CLI/CLI.hpp>
 #include <string>
 
+#include "tools/offline/navigation_fit.h"
+
 namespace rsfm {
 
 struct ReconstructOptions {
@@ -16,6 +18,7 @@ struct ReconstructOptions {
   bool refine_port = false;
   bool refine_lens = false;
   bool uwpinhole = false;
+  MountOptions mount;
   bool guided = false;
   bool nav_scale_only = false;
   double first_baseline_m = 0.0;

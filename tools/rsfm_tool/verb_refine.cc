@@ -31,6 +31,7 @@ void PrintFindings(const RefineResult& result) {
         "water        index %.6f for all images; %.6f to %.6f in the mission, %.6f in the rig\n",
         result.water->used, result.water->low, result.water->high, result.water->rig);
   }
+  for (const ParameterEstimate& p : result.mount) std::printf("%s\n", Describe(p).c_str());
   if (!result.observability) return;
   for (const std::string& warning : ObservabilityWarnings(*result.observability))
     std::fprintf(stderr, "warning: %s\n", warning.c_str());
@@ -57,6 +58,7 @@ CLI::App* DeclareRefine(CLI::App& app, RefineOptions* options) {
   verb->add_option("--nav", options->nav, "NAV.csv, in place of the mission's own navigation");
   verb->add_flag("--guided", options->guided, kGuidedHelp);
   AddCameraFlags(verb, &options->refine_port, &options->refine_lens, &options->uwpinhole);
+  AddMountFlags(verb, &options->mount);
   verb->add_option("--loss", options->loss, "robust loss of image errors: cauchy, huber or none")
       ->check(CLI::IsMember({"cauchy", "huber", "none"}))
       ->capture_default_str();
@@ -75,6 +77,7 @@ int RunRefine(const RefineOptions& options) {
   request.refine_port = options.refine_port;
   request.refine_lens = options.refine_lens;
   request.uwpinhole = options.uwpinhole;
+  request.mount = options.mount;
   if (options.guided) request.scene.guided.emplace();
   request.scene.bundle.loss = {LossOf(options.loss), options.loss_px};
   StageProgress progress;

@@ -4,6 +4,8 @@
 #include <CLI/CLI.hpp>
 #include <string>
 
+#include "tools/offline/navigation_fit.h"
+
 namespace rsfm {
 
 struct RefineOptions {
@@ -13,6 +15,7 @@ struct RefineOptions {
   bool refine_port = false;
   bool refine_lens = false;
   bool uwpinhole = false;
+  MountOptions mount;
   bool guided = false;
   std::string loss = "cauchy";
   double loss_px = 1.0;
