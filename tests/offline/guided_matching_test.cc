@@ -8,15 +8,6 @@
 namespace rsfm {
 namespace {
 
-CameraConfig FlatRig() {
-  CameraConfig config = PaperLens();
-  config.port.type = PortType::kFlat;
-  config.port.normal = Vec3(0.05, -0.03, 1.0).normalized();
-  config.port.distance_m = 0.05;
-  config.port.thickness_m = 0.01;
-  return config;
-}
-
 // Every descriptor occurs at six places, as on tiles: compared over whole images all are ambiguous.
 Scene Tiles() {
   SurveyOptions options;
@@ -26,7 +17,7 @@ Scene Tiles() {
   options.noise_px = 0.4;
   MadeSceneOptions made;
   made.look_alikes = 6;
-  const CameraConfig camera = FlatRig();
+  const CameraConfig camera = FlatRig(0.05);
   return MakeScene(camera, MakeSurvey(*AnyCamera::Create(camera), options), made);
 }
 

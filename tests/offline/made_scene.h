@@ -3,10 +3,21 @@
 
 #include <string>
 
+#include "tests/support/rigs.h"
 #include "tests/support/survey.h"
 #include "tools/offline/scene.h"
 
 namespace rsfm {
+
+// The paper's lens behind a tilted window.
+inline CameraConfig FlatRig(double distance_m = 0.02) {
+  CameraConfig config = PaperLens();
+  config.port.type = PortType::kFlat;
+  config.port.normal = Vec3(0.05, -0.03, 1.0).normalized();
+  config.port.distance_m = distance_m;
+  config.port.thickness_m = 0.01;
+  return config;
+}
 
 struct MadeSceneOptions {
   bool placed = true;          // poses and tracks as the survey has them

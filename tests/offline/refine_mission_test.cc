@@ -18,15 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-CameraConfig FlatRig() {
-  CameraConfig config = PaperLens();
-  config.port.type = PortType::kFlat;
-  config.port.normal = Vec3(0.05, -0.03, 1.0).normalized();
-  config.port.distance_m = 0.02;
-  config.port.thickness_m = 0.01;
-  return config;
-}
-
 Survey MakeTruth(const CameraConfig& config) {
   SurveyOptions options;
   options.images_per_line = 4;

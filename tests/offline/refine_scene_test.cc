@@ -12,15 +12,6 @@
 namespace rsfm {
 namespace {
 
-CameraConfig FlatRig() {
-  CameraConfig config = PaperLens();
-  config.port.type = PortType::kFlat;
-  config.port.normal = Vec3(0.05, -0.03, 1.0).normalized();
-  config.port.distance_m = 0.02;
-  config.port.thickness_m = 0.01;
-  return config;
-}
-
 SurveyOptions Lines() {
   SurveyOptions options;
   options.lines = 2;

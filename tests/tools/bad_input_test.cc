@@ -225,8 +225,9 @@ TEST_F(BadInputTest, CheckListsTheMappersMemory) {
     lines >> whole;
     std::getline(lines, rest);
     EXPECT_EQ(rest, " MiB, taken at the start:");
-    for (const char* name : {"keyframes", "landmarks", "matching and placing", "two views",
-                             "triangulation", "window adjustment", "navigation"}) {
+    for (const char* name :
+         {"keyframes", "landmarks", "matching and placing", "two views", "triangulation",
+          "window adjustment", "places and loops", "navigation"}) {
       lines >> part >> unit;
       std::getline(lines, rest);
       EXPECT_EQ(unit, "MiB");
