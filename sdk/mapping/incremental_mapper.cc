@@ -401,7 +401,8 @@ void IncrementalMapper::PlaceWaiting(SlotId newest) noexcept {
 }
 
 // Takes out of a displacement what the window knows of the log's scale and mounting, and adds how
-// well it knows them; nav_factor.h's (1 - s)(D + B m) for a body that does not turn far.
+// well it knows them: nav_factor.h's (D + B m) / (1 + s), to first order in s, for a body that does
+// not turn far.
 void IncrementalMapper::CorrectVelocity(CameraMotion* motion) const noexcept {
   const NavStates& states = adjuster_.nav_states();
   const Mat6& covariance = adjuster_.nav_state_covariance();

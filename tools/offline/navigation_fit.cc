@@ -151,10 +151,11 @@ void NavigationFit::Estimate(Scene scene, bool has_scale) {
     covariance = noise * factor.solve(Eigen::MatrixXd::Identity(kNumUnknowns, kNumUnknowns));
     for (SceneImage& image : scene.images)
       if (image.placed) image.camera_from_world = InMovedWorld(image.camera_from_world, step);
-    clock_s_ += step[kClock];
-    const Rigid3 mounted = Mounted(now_.body_from_camera, step);
-    now_ = WithClock(given_, clock_s_);
-    now_.body_from_camera = mounted;
+    now_.body_from_camera = Mounted(now_.body_from_camera, step);
+    if (options_.clock) {
+      clock_s_ += step[kClock];
+      now_.samples = WithClock(given_, clock_s_).samples;
+    }
     if (step.segment<7>(kLever).norm() < 1e-6) break;
   }
   Describe(covariance);
