@@ -4,9 +4,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <sys/mount.h>
+#include <unistd.h>
+
 #include <cerrno>
 #include <fstream>
 
+#include "rsfm/base/rng.h"
 #include "rsfm/io/tables.h"
 #include "tests/support/temporary_folder.h"
 
@@ -16,6 +20,11 @@ namespace {
 using ::testing::HasSubstr;
 
 constexpr int kWidth = 64, kHeight = 48;
+
+std::vector<char> BytesOf(const std::filesystem::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return std::vector<char>((std::istreambuf_iterator<char>(file)), {});
+}
 
 class RecorderTest : public ::testing::Test {
  protected:
@@ -67,8 +76,7 @@ TEST_F(RecorderTest, ImagesAndTableAgree) {
   ASSERT_EQ(table.size(), 5u);
   auto decoder = JpegDecoder::Create();
   for (const ImageTime& image : table) {
-    std::ifstream file(folder_.path() / "images" / image.image, std::ios::binary);
-    const std::vector<char> bytes((std::istreambuf_iterator<char>(file)), {});
+    const std::vector<char> bytes = BytesOf(folder_.path() / "images" / image.image);
     std::vector<std::uint8_t> grey(kWidth * kHeight);
     ASSERT_TRUE(decoder->Decode(
         std::span(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()), kWidth,
@@ -148,6 +156,54 @@ TEST_F(RecorderTest, ARefusedWriteIsNotListedAndIsTriedAgain) {
   recorder->Flush();
   EXPECT_EQ(recorder->num_failed(), 3);
   EXPECT_EQ(recorder->num_recorded(), 3);
+}
+
+// A file system of 128 kB that really is full, in the middle of an image: what is listed is whole,
+// and nothing else is left. One image less, and the next is recorded.
+TEST_F(RecorderTest, AFullFileSystemKeepsWholeImagesOnly) {
+  const auto mission = folder_.path() / "mission";
+  std::filesystem::create_directories(mission);
+  if (::geteuid() != 0 || ::mount("tmpfs", mission.c_str(), "tmpfs", 0, "size=128k") != 0)
+    GTEST_SKIP() << "a file system may not be mounted here";
+  {
+    options_.min_disk_free_mb = 0;
+    Rng rng(3);
+    for (std::uint8_t& grey : frame_.grey) grey = static_cast<std::uint8_t>(rng.Next() & 255);
+    auto recorder = Recorder::Create(mission, options_, kWidth, kHeight, RealDisk());
+    ASSERT_TRUE(recorder) << ToString(recorder.error());
+    std::int64_t number = 0;
+    while (Record(recorder->get(), number)) ASSERT_LT(++number, 100);
+    EXPECT_GT(number, 5);
+    EXPECT_THAT((*recorder)->problem(), HasSubstr("disk refuses"));
+    EXPECT_EQ((*recorder)->num_recorded(), number);
+    (*recorder)->Flush();  // the table may find no room: its rows wait
+
+    std::filesystem::remove(mission / "images" / "0000" / "000000.jpg");
+    now_us_ += Recorder::kPauseUs;
+    EXPECT_TRUE(Record(recorder->get(), number + 1));
+    EXPECT_EQ((*recorder)->problem(), nullptr);
+    (*recorder)->Flush();
+
+    const auto table = ReadImageTimes(mission / "images.csv");
+    ASSERT_TRUE(table) << ToString(table.error());
+    ASSERT_EQ(static_cast<std::int64_t>(table->size()), number + 1);
+    auto decoder = JpegDecoder::Create();
+    std::vector<std::uint8_t> grey(kWidth * kHeight);
+    for (std::size_t i = 1; i < table->size(); ++i) {
+      const std::vector<char> bytes = BytesOf(mission / "images" / (*table)[i].image);
+      EXPECT_TRUE(decoder->Decode(
+          std::span(reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()), kWidth,
+          kHeight, grey.data()))
+          << (*table)[i].image;
+    }
+    std::int64_t num_files = 0;
+    for (const auto& file : std::filesystem::directory_iterator(mission / "images" / "0000")) {
+      EXPECT_EQ(file.path().extension(), ".jpg");
+      ++num_files;
+    }
+    EXPECT_EQ(num_files, number);  // one was removed
+  }
+  ::umount2(mission.c_str(), MNT_DETACH);
 }
 
 TEST_F(RecorderTest, AFolderThatCannotBeIsAnError) {

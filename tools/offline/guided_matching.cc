@@ -216,18 +216,20 @@ class GuidedMatcher {
                    const FeatureCells& cells) {
     const double low = 1.0 / (options_.range_margin * a.farthest_m),
                  high = options_.range_margin / a.nearest_m;
-    std::optional<Vec2> before;
+    Vec2 before = Vec2::Zero();
+    bool has_before = false;
     for (int k = 0; k < kCurvePoints; ++k) {
       const double range = 1.0 / (low + (high - low) * k / (kCurvePoints - 1));
       Vec2 pixel;
       if (camera_.Project(b_from_a * ray.At(range), &pixel) != Projection::kOk || !IsNear(pixel)) {
-        before.reset();
+        has_before = false;
         continue;
       }
-      if (before)
-        cells.Along(*before, pixel, options_.band_px,
+      if (has_before)
+        cells.Along(before, pixel, options_.band_px,
                     [this](std::int32_t j) { candidates_.push_back(j); });
       before = pixel;
+      has_before = true;
     }
   }
 
