@@ -1,5 +1,6 @@
 #include <set>
 
+#include "rsfm/base/plausible_time.h"
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/csv.h"
 #include "rsfm/io/tables.h"
@@ -33,8 +34,8 @@ IoExpected<std::vector<ImageTime>> ReadImageTimes(const std::filesystem::path& p
     if (!names.insert(row.fields[0]).second) {
       return problem("image", Quoted(row.fields[0]) + " is there twice", "keep one of them");
     }
-    if (!utime) {
-      return problem("utime", Quoted(row.fields[1]) + " is not a whole number",
+    if (!utime || !IsTime(*utime)) {
+      return problem("utime", Quoted(row.fields[1]) + " is no time in whole microseconds",
                      "give microseconds since the epoch");
     }
     if (!images.empty() && *utime <= images.back().utime) {

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <iterator>
 
+#include "rsfm/base/plausible_time.h"
 #include "rsfm/io/tables.h"
 #include "rsfm/navigation/lever_arm.h"
 
@@ -68,6 +69,8 @@ bool NavConverter::Reject(NavReject reason) {
   return false;
 }
 
+bool NavConverter::TakeTime(Utime utime) { return IsTime(utime) || Reject(NavReject::kOutOfRange); }
+
 bool NavConverter::TakeFinite(bool is_finite) { return is_finite || Reject(NavReject::kNotFinite); }
 
 bool NavConverter::Take(const Vec3& value, const double (&covariance)[9], Vec3* sigma) {
@@ -114,6 +117,7 @@ NavDecode NavConverter::Convert(const BusInput& input, std::span<const std::uint
 }
 
 bool NavConverter::Convert(const nav_t& m, NavSample* sample) {
+  if (!TakeTime(m.utime)) return false;
   NavSample s;
   s.utime = m.utime;
   const auto has = [&](int bit) { return (m.valid & bit) != 0; };
@@ -157,6 +161,7 @@ bool NavConverter::Convert(const nav_t& m, NavSample* sample) {
 }
 
 bool NavConverter::Convert(const dvl_t& m, NavSample* sample) {
+  if (!TakeTime(m.utime)) return false;
   NavSample s;
   s.utime = m.utime;
   if ((m.valid & dvl_t::VALID_VELOCITY) != 0 &&
@@ -180,7 +185,7 @@ bool NavConverter::Convert(const dvl_t& m, NavSample* sample) {
 bool NavConverter::Convert(const ahrs_t& m, NavSample* sample) {
   NavSample s;
   s.utime = m.utime;
-  if ((m.valid & ahrs_t::VALID_ATTITUDE) == 0 ||
+  if ((m.valid & ahrs_t::VALID_ATTITUDE) == 0 || !TakeTime(m.utime) ||
       !Take(m.ned_from_body_q, m.attitude_cov_rad2, &s.ned_from_body, &s.sigma_attitude_rad)) {
     return false;
   }
@@ -196,7 +201,7 @@ bool NavConverter::Convert(const ahrs_t& m, NavSample* sample) {
 }
 
 bool NavConverter::Convert(const depth_t& m, NavSample* sample) {
-  if (m.valid == 0 || !Take(m.depth_m, m.sigma_m)) return false;
+  if (m.valid == 0 || !TakeTime(m.utime) || !Take(m.depth_m, m.sigma_m)) return false;
   NavSample s;
   s.utime = m.utime;
   const Quat attitude = HasAttitude(m.utime) ? ned_from_body_ : Quat::Identity();
@@ -209,6 +214,7 @@ bool NavConverter::Convert(const depth_t& m, NavSample* sample) {
 }
 
 bool NavConverter::Convert(const ctd_t& m, NavSample* sample) {
+  if (!TakeTime(m.utime)) return false;
   if ((m.valid & ctd_t::VALID_TEMPERATURE) != 0 && Take(m.temperature_c, 0.0)) {
     temperature_c_ = m.temperature_c;
     has_temperature_ = true;
@@ -230,6 +236,7 @@ bool NavConverter::Convert(const ctd_t& m, NavSample* sample) {
 bool NavConverter::Convert(const fix_t& m, NavSample* sample) {
   NavSample s;
   s.utime = m.utime;
+  if (!TakeTime(m.utime)) return false;
   const bool has_height = (m.valid & fix_t::VALID_HEIGHT) != 0 && Take(m.height_m, 0.0);
   if ((m.valid & fix_t::VALID_HORIZONTAL) == 0 ||
       !Take(Vec3(m.latitude_deg, m.longitude_deg, 0.0), m.position_cov_m2, &s.sigma_position_m)) {
@@ -259,8 +266,9 @@ bool NavConverter::Convert(const bot_core::pose_t& m, Convention convention, Nav
   NavSample s;
   Quat local_from_body;
   const Vec3 position = ToVec3(m.pos), velocity = ToVec3(m.vel);
-  if (convention == Convention::kRsfm || !TakeFinite(position.allFinite() && velocity.allFinite() &&
-                                                     Vec4::Map(m.orientation).allFinite())) {
+  if (convention == Convention::kRsfm || !TakeTime(m.utime) ||
+      !TakeFinite(position.allFinite() && velocity.allFinite() &&
+                  Vec4::Map(m.orientation).allFinite())) {
     return false;
   }
   if (!ToQuat(m.orientation, &local_from_body)) return Reject(NavReject::kOutOfRange);
@@ -289,7 +297,7 @@ bool NavConverter::Convert(const acfrlcm::auv_acfr_nav_t& m, NavSample* sample) 
   const Vec3 position(m.x, m.y, m.depth), velocity(m.vx, m.vy, m.vz);
   const bool is_finite =
       position.allFinite() && velocity.allFinite() && Vec3(m.roll, m.pitch, m.heading).allFinite();
-  if (!TakeFinite(is_finite)) return false;
+  if (!TakeTime(m.utime) || !TakeFinite(is_finite)) return false;
   s.utime = m.utime;
   s.position_ned_m = position;
   s.ned_from_body = QuatFromRollPitchHeading(m.roll, m.pitch, m.heading);

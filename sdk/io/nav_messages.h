@@ -57,6 +57,7 @@ class NavConverter {
   bool Take(const Vec3& value, const double (&covariance)[9], Vec3* sigma);
   bool Take(double value, double sigma);
   bool Take(const double (&wxyz)[4], const double (&covariance)[9], Quat* q, Vec3* sigma);
+  bool TakeTime(Utime utime);
   bool TakeFinite(bool is_finite);
 
   SensorPlaces sensors_;

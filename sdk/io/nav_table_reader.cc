@@ -1,3 +1,4 @@
+#include "rsfm/base/plausible_time.h"
 #include "rsfm/io/tables.h"
 
 #include <algorithm>
@@ -196,8 +197,8 @@ IoStatus NavTableReader::ReadTime(const CsvRow& csv, Utime* utime) {
   if (utime_field_ >= 0) {
     const std::string_view text = csv.fields[static_cast<std::size_t>(utime_field_)];
     const auto value = ParseInteger(text);
-    if (!value) {
-      return Problem(csv, "utime", Quoted(text) + " is not a whole number",
+    if (!value || !IsTime(*value)) {
+      return Problem(csv, "utime", Quoted(text) + " is no time in whole microseconds",
                      "give microseconds since the epoch");
     }
     *utime = *value;

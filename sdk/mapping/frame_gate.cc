@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <utility>
+#include "rsfm/base/plausible_time.h"
 
 namespace rsfm {
 namespace {
@@ -64,6 +65,7 @@ FrameGate::FrameGate(int width_px, int height_px, const FrameGateOptions& option
 }
 
 void FrameGate::SeeTime(Utime utime) noexcept {
+  if (!IsTime(utime)) return;
   newest_seen_ = has_seen_ ? std::max(newest_seen_, utime) : utime;
   has_seen_ = true;
 }
@@ -94,6 +96,7 @@ FrameVerdict FrameGate::Judge(const ImageView& image, Utime utime) noexcept {
 }
 
 FrameVerdict FrameGate::JudgeTime(Utime utime) noexcept {
+  if (!IsTime(utime)) return FrameVerdict::kFromTheFuture;
   if (has_time_ && utime == last_utime_) return FrameVerdict::kRepeatedTime;
   if (has_time_ && utime < last_utime_) return FrameVerdict::kOutOfOrder;
   const bool is_known = has_time_ || has_seen_;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "rsfm/base/plausible_time.h"
 #include "rsfm/base/so3.h"
 
 namespace rsfm {
@@ -59,6 +60,7 @@ std::size_t NavBuffer::bytes() const {
 
 template <class Sample>
 bool NavBuffer::Store(const Sample& sample, TimedRingBuffer<Sample>* ring) noexcept {
+  if (!IsTime(sample.utime)) return Reject(NavReject::kOutOfRange), false;
   if (sample.utime < horizon_) return Reject(NavReject::kTooLate), false;
   if (!ring->empty()) {
     const std::size_t i = ring->LowerBound(sample.utime);

@@ -30,7 +30,7 @@ struct NavBufferOptions {
 enum class NavReject : std::uint8_t {
   kNotFinite,      // NaN or infinite value or sigma
   kSentinel,       // the sensor's mark for "none": velocity -32.768, range 0, a negative sigma
-  kOutOfRange,     // beyond the option's limit, or a quaternion that is not of unit length
+  kOutOfRange,     // beyond the option's limit, a quaternion that is not of unit length, or no time
   kRunsBackwards,  // older than the newest of its kind by more than max_late_s
   kRepeated,       // same time as a stored one of its kind
   kTooLate,        // older than the horizon: what it could tell has been summed up already

@@ -1,5 +1,6 @@
 // Messages: round trips, and whatever is not one is refused without harm.
 #include "rsfm/io/messages.h"
+#include "rsfm/base/plausible_time.h"
 
 #include <gtest/gtest.h>
 
@@ -192,6 +193,24 @@ TEST(NavMessagesTest, WhatIsNotFiniteIsLeftOut) {
   message.valid = nav_t::VALID_POSITION;
   EXPECT_FALSE(converter.Convert(message, &sample));
   EXPECT_EQ(converter.rejected(NavReject::kNotFinite), 2u);
+}
+
+TEST(NavMessagesTest, WhatHasNoTimeIsRefusedAndCounted) {
+  NavConverter converter{Rig()};
+  NavSample sample;
+  std::uint64_t refused = 0;
+  for (const Utime no_time : {std::numeric_limits<Utime>::min(), kMaxUtime + 1}) {
+    nav_t nav = ToMessage(FullSample());
+    nav.utime = no_time;
+    EXPECT_FALSE(converter.Convert(nav, &sample));
+    EXPECT_EQ(converter.rejected(NavReject::kOutOfRange), ++refused);
+    depth_t depth = {};
+    depth.utime = no_time;
+    depth.valid = 1;
+    depth.sigma_m = 0.1;
+    EXPECT_FALSE(converter.Convert(depth, &sample));
+    EXPECT_EQ(converter.rejected(NavReject::kOutOfRange), ++refused);
+  }
 }
 
 TEST(NavMessagesTest, LeverArmsAreRemoved) {

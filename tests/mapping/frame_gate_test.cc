@@ -1,8 +1,10 @@
 #include "rsfm/mapping/frame_gate.h"
+#include "rsfm/base/plausible_time.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <vector>
 
 #include "tests/mapping/blob_image.h"
@@ -43,6 +45,16 @@ TEST(FrameGate, TimesMustIncrease) {
   EXPECT_EQ(gate.Check(View(Shot(3)), 10 * kSecond + 1), FrameVerdict::kGood);
   EXPECT_EQ(gate.count(FrameVerdict::kRepeatedTime), 1);
   EXPECT_EQ(gate.count(FrameVerdict::kOutOfOrder), 1);
+}
+
+TEST(FrameGate, WhatIsNoTimeIsRefusedHoweverOftenItComes) {
+  FrameGate gate(kWidth, kHeight);
+  for (int i = 0; i < 4; ++i)
+    for (const Utime no_time : {std::numeric_limits<Utime>::min(), kMaxUtime + 1 + i}) {
+      gate.SeeTime(no_time);
+      EXPECT_EQ(gate.Check(View(Shot(i)), no_time), FrameVerdict::kFromTheFuture);
+    }
+  EXPECT_EQ(gate.Check(View(Shot(5)), 10 * kSecond), FrameVerdict::kGood);
 }
 
 // One stamp from the future must not lock out all that follow.

@@ -1,4 +1,5 @@
 #include "rsfm/navigation/nav_buffer.h"
+#include "rsfm/base/plausible_time.h"
 
 #include <gtest/gtest.h>
 
@@ -139,6 +140,11 @@ TEST(NavBuffer, RefusesAndCountsBadValues) {
   range.Set(NavField::kAltitude);
   range.altitude_m = 0.0;
   refused(range, NavReject::kSentinel);
+  for (const Utime no_time : {std::numeric_limits<Utime>::min(), kMaxUtime + 1}) {
+    NavSample timeless = Depth(101.0, 5.0);
+    timeless.utime = no_time;
+    refused(timeless, NavReject::kOutOfRange);
+  }
   EXPECT_EQ(nav.accepted(), 1u);
   EXPECT_EQ(nav.At(UsFromSeconds(100.0)).depth_m, 5.0);  // unharmed
 

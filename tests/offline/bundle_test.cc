@@ -358,7 +358,7 @@ TEST(ExpectedCameraTest, HoldsThroughManyAdjustments) {
   again.expected_cameras.resize(2, expected);
   const auto wrong = AdjustBundle(options, &again);
   ASSERT_FALSE(wrong);
-  EXPECT_EQ(wrong.error().where, "expected_cameras");
+  EXPECT_STREQ(wrong.error().where, "expected_cameras");
 }
 
 TEST(FitNoiseTest, TakesTheMedianWithinBounds) {

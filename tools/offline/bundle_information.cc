@@ -271,6 +271,7 @@ BundleInformation::VectorXd BundleInformation::PlacesGradient(
 BundleInformation::MatrixXd BundleInformation::PullsOfImages() const {
   MatrixXd pulls =
       MatrixXd::Zero(num_parameters(), static_cast<Eigen::Index>(problem_.images.size()));
+  if (num_parameters() == 0) return pulls;
   std::vector<Linearised> of_point;
   for (const std::vector<int>& observations : OfPoints()) {
     of_point.clear();
