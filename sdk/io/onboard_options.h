@@ -61,6 +61,7 @@ struct OnboardOptions {
   int capture_cpu = -1;
   int mapper_priority = 0;
   int mapper_cpu = -1;
+  bool lock_memory = false;  // nothing of the process is ever swapped out
 };
 
 std::string_view ToString(PixelFormat format);  // "auto", "grey", "y16", ...
@@ -96,6 +97,7 @@ void ForEachOnboardOption(Options& o, F&& f) {
   f("capture_cpu", o.capture_cpu, -1, 1023);
   f("mapper_priority", o.mapper_priority, 0, 99);
   f("mapper_cpu", o.mapper_cpu, -1, 1023);
+  f("lock_memory", o.lock_memory, 0, 1);
 }
 
 }  // namespace rsfm

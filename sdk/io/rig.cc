@@ -203,10 +203,17 @@ void ReadMapper(const YAML::Node& node, const std::string& file, std::vector<Dia
   ReadMask(&map, file, &mapper->mask);
   map.Finish();
   if (problems->size() != first_problem) return;
-  if (const Status status = mapper->Validate(); !status) {
-    map.AddProblem(status.error().where, "is out of range",
-                   "see the comment of this option in rsfm/mapping/mapper_options.h");
+  const Status status = mapper->Validate();
+  if (status) return;
+  const std::string see = "see this option in rsfm/mapping/mapper_options.h";
+  for (const OptionRange& range : mapper->Ranges()) {
+    if (range.is_met()) continue;
+    map.AddProblem(range.name, "is out of range: " + FormatNumber(range.value),
+                   "give a number from " + FormatNumber(range.low) + " to " +
+                       FormatNumber(range.high) + "; " + see);
+    return;
   }
+  map.AddProblem(status.error().where, "contradicts another option", see);
 }
 
 // The light that water measured during the mission is judged by: what the port says of it.

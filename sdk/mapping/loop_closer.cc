@@ -21,10 +21,10 @@ constexpr double kLoopTurn = 2e-3, kLoopShift = 0.01;
 
 std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
-PoseGraphOptions GraphOptions(const LoopOptions& loops) {
+PoseGraphOptions GraphOptions(const MapperOptions& options) {
   PoseGraphOptions graph;
-  graph.max_nodes = loops.max_places > 0 ? loops.max_nodes : 0;
-  graph.max_loops = loops.max_places > 0 ? loops.max_loops : 0;
+  graph.max_nodes = options.max_places > 0 ? options.max_way_nodes : 0;
+  graph.max_loops = options.max_places > 0 ? options.max_loops : 0;
   return graph;
 }
 
@@ -55,19 +55,17 @@ Mat6 AlongWorld(const Mat6& covariance, const Rigid3& world_from_camera) {
 
 }  // namespace
 
-LoopCloser::LoopCloser(const MapperOptions& options, const LoopOptions& loops,
-                       const AnyCamera& camera)
+LoopCloser::LoopCloser(const MapperOptions& options, const AnyCamera& camera)
     : options_(options),
-      loops_(loops),
       camera_(camera),
-      graph_(GraphOptions(loops)),
-      matcher_(loops.max_places > 0 ? std::max(options.max_features, int{kFeatures}) : 1),
-      estimator_(loops.max_places > 0 ? kFeatures : 1),
-      known_(Count(GraphOptions(loops).max_nodes)),
-      places_(Count(loops.max_places)),
-      free_slots_(Count(loops.max_places)),
-      points_(Count(loops.max_places) * kFeatures),
-      descriptors_(Count(loops.max_places) * kFeatures *
+      graph_(GraphOptions(options)),
+      matcher_(options.max_places > 0 ? std::max(options.max_features, int{kFeatures}) : 1),
+      estimator_(options.max_places > 0 ? kFeatures : 1),
+      known_(Count(GraphOptions(options).max_nodes)),
+      places_(Count(options.max_places)),
+      free_slots_(Count(options.max_places)),
+      points_(Count(options.max_places) * kFeatures),
+      descriptors_(Count(options.max_places) * kFeatures *
                    Count(DescriptorStride(options.descriptor))),
       matches_(kFeatures),
       pixels_(kFeatures),
@@ -239,7 +237,7 @@ bool LoopCloser::Match(const Map& map, SlotId id, const Place& place,
 }
 
 bool LoopCloser::Add(const Map& map, SlotId id, bool is_ned) noexcept {
-  if (loops_.max_places == 0) return false;
+  if (options_.max_places == 0) return false;
   const Keyframe& keyframe = map.keyframe(id);
   is_ned_ = is_ned;
   if (graph_.size() == graph_.capacity()) MakeRoom();

@@ -16,16 +16,10 @@
 
 namespace rsfm {
 
-struct LoopOptions {
-  int max_places = 400;   // kept; 0: no loops are closed
-  int max_nodes = 20000;  // keyframes of the way
-  int max_loops = 64;     // that still move each other
-};
-
 class LoopCloser {
  public:
   // The only place that allocates.
-  LoopCloser(const MapperOptions& options, const LoopOptions& loops, const AnyCamera& camera);
+  LoopCloser(const MapperOptions& options, const AnyCamera& camera);
 
   // The same camera in other water; allocates nothing.
   void SetCamera(const AnyCamera& camera) noexcept { camera_ = camera; }
@@ -70,7 +64,6 @@ class LoopCloser {
   }
 
   MapperOptions options_;
-  LoopOptions loops_;
   AnyCamera camera_;
   PoseGraph graph_;
   DescriptorMatcher matcher_;

@@ -27,12 +27,6 @@ Value At(const Value (&values)[N], Enum value) {
   return i < N ? values[i] : Value();
 }
 
-// A closed range for one option; NaN lies in none.
-struct Range {
-  const char* name;
-  double value, low, high;
-};
-
 }  // namespace
 
 std::string_view ToString(Rhythm rhythm) noexcept { return At(kRhythmNames, rhythm); }
@@ -45,8 +39,8 @@ bool FromString(std::string_view name, DescriptorType* type) noexcept {
 }
 int DescriptorBytes(DescriptorType type) noexcept { return At(kDescriptorBytes, type); }
 
-Status MapperOptions::Validate() const noexcept {
-  const Range ranges[] = {
+OptionRanges MapperOptions::Ranges() const noexcept {
+  const OptionRange ranges[] = {
       {"max_features", static_cast<double>(max_features), 50, 20000},
       {"contrast_limit", contrast_limit, 0, 100},
       {"grid_cell_px", static_cast<double>(grid_cell_px), 8, 1024},
@@ -76,6 +70,9 @@ Status MapperOptions::Validate() const noexcept {
       {"max_keyframes", static_cast<double>(max_keyframes), 8, 4096},
       {"max_landmarks", static_cast<double>(max_landmarks), 200, 1000000},
       {"nav_samples", static_cast<double>(nav_samples), 2, 1e7},
+      {"max_places", static_cast<double>(max_places), 0, 10000},
+      {"max_way_nodes", static_cast<double>(max_way_nodes), 16, 1e6},
+      {"max_loops", static_cast<double>(max_loops), 1, 256},
       {"nav_max_gap_s", nav_max_gap_s, 0.01, 3600},
       {"depth_sigma_m", depth_sigma_m, 1e-4, 100},
       {"position_sigma_m", position_sigma_m, 1e-4, 1e6},
@@ -89,13 +86,19 @@ Status MapperOptions::Validate() const noexcept {
       {"velocity_lever_sigma_m", velocity_lever_sigma_m, 0, 10},
       {"clock_sigma_s", clock_sigma_s, 0, 1},
   };
-  for (const Range& range : ranges) {
-    if (!(range.value >= range.low && range.value <= range.high))
-      return Fail(Errc::kInvalidArgument, range.name);
+  OptionRanges result;
+  for (const OptionRange& range : ranges) result.TryPushBack(range);
+  return result;
+}
+
+Status MapperOptions::Validate() const noexcept {
+  for (const OptionRange& range : Ranges()) {
+    if (!range.is_met()) return Fail(Errc::kInvalidArgument, range.name);
   }
   if (descriptor == DescriptorType::kNone) return Fail(Errc::kInvalidArgument, "descriptor");
   if (track_window_px % 2 == 0) return Fail(Errc::kInvalidArgument, "track_window_px");
   if (window_keyframes > max_keyframes) return Fail(Errc::kInvalidArgument, "window_keyframes");
+  if (max_places > max_way_nodes) return Fail(Errc::kInvalidArgument, "max_places");
   for (const MaskRectangle& rectangle : mask) {
     if (rectangle.right <= rectangle.left || rectangle.bottom <= rectangle.top)
       return Fail(Errc::kInvalidArgument, "mask");

@@ -29,6 +29,14 @@ struct MaskRectangle {
 inline constexpr int kMaxMaskRectangles = 16;
 using ImageMask = StaticVector<MaskRectangle, kMaxMaskRectangles>;
 
+// The closed range of one option; NaN lies in none.
+struct OptionRange {
+  const char* name;
+  double value, low, high;
+  bool is_met() const { return value >= low && value <= high; }
+};
+using OptionRanges = StaticVector<OptionRange, 64>;
+
 struct MapperOptions {
   // Front end.
   Rhythm rhythm = Rhythm::kStills;
@@ -74,6 +82,11 @@ struct MapperOptions {
   int max_keyframes = 64;
   int max_landmarks = 12000;
   int nav_samples = 4096;
+  // Places that are recognised after their keyframes have left the map, the way between them, and
+  // the loops that still move each other in it. Without places nothing of the three is kept.
+  int max_places = 400;
+  int max_way_nodes = 20000;
+  int max_loops = 64;
 
   // Navigation.
   double nav_max_gap_s = 2.0;   // samples farther apart are not interpolated between
@@ -91,7 +104,10 @@ struct MapperOptions {
   double velocity_lever_sigma_m = 0.02;
   double clock_sigma_s = 0.05;
 
-  // kInvalidArgument; `where` is the option's name.
+  // Of every number but the seed.
+  OptionRanges Ranges() const noexcept;
+  // kInvalidArgument; `where` is the name of an option that is out of its range, or contradicts
+  // another.
   Status Validate() const noexcept;
 };
 
@@ -131,6 +147,9 @@ void ForEachOption(Options& o, F&& f) {
   f("max_keyframes", o.max_keyframes);
   f("max_landmarks", o.max_landmarks);
   f("nav_samples", o.nav_samples);
+  f("max_places", o.max_places);
+  f("max_way_nodes", o.max_way_nodes);
+  f("max_loops", o.max_loops);
   f("nav_max_gap_s", o.nav_max_gap_s);
   f("depth_sigma_m", o.depth_sigma_m);
   f("position_sigma_m", o.position_sigma_m);

@@ -54,6 +54,10 @@ TEST(MapperOptions, RefusesContradictions) {
   options.max_keyframes = 16;
   EXPECT_STREQ(options.Validate().error().where, "window_keyframes");
   options = {};
+  options.max_places = 100;
+  options.max_way_nodes = 99;
+  EXPECT_STREQ(options.Validate().error().where, "max_places");
+  options = {};
   options.track_window_px = 20;
   EXPECT_STREQ(options.Validate().error().where, "track_window_px");
   options = {};

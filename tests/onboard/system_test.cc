@@ -1,12 +1,18 @@
 #include "tools/onboard/system.h"
 
 #include <gtest/gtest.h>
+#include <linux/capability.h>
 #include <stdlib.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <cstdio>
 #include <cstring>
+#include <fstream>
+#include <string>
 
 #include "tests/support/malloc_trap.h"
 #include "tests/support/temporary_folder.h"
@@ -36,6 +42,40 @@ TEST(LatencyWindowTest, TheOldestGiveWayAndNothingAllocates) {
   EXPECT_EQ(trap.count(), 0u);
   EXPECT_EQ(result.count, 10u);
   EXPECT_EQ(result.p99_ms, 2.0);
+}
+
+// In a process of its own: what is locked stays so. 0: as LockMemory says.
+[[noreturn]] void Lock(bool with_limit) {
+  if (with_limit) {
+    const rlimit limit = {65536, 65536};
+    if (::setrlimit(RLIMIT_MEMLOCK, &limit) != 0) ::_exit(3);
+    if (::getuid() == 0 && ::setresuid(65534, 65534, 65534) != 0) ::_exit(4);
+  }
+  const std::string problem = LockMemory();
+  long long locked_kib = 0;
+  std::ifstream status("/proc/self/status");
+  for (std::string line; std::getline(status, line);)
+    std::sscanf(line.c_str(), "VmLck: %lld", &locked_kib);
+  std::fprintf(stderr, "%s; %s", locked_kib > 0 ? "locked" : "not locked", problem.c_str());
+  ::_exit(problem.empty() == (locked_kib > 0) ? 0 : 1);
+}
+
+TEST(LockMemoryTest, ALimitIsNamedWithWhatToDo) {
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(Lock(true), ::testing::ExitedWithCode(0),
+              "not locked; memory is not locked: the limit .RLIMIT_MEMLOCK. is 64 KiB; give the "
+              "unit LimitMEMLOCK=infinity");
+}
+
+TEST(LockMemoryTest, WithoutALimitEverythingIsLocked) {
+  if (!MallocTrap::IsActive()) GTEST_SKIP() << "a sanitizer's shadow memory cannot be locked";
+  rlimit limit = {};
+  ASSERT_EQ(::getrlimit(RLIMIT_MEMLOCK, &limit), 0);
+  const bool has_capability = ::geteuid() == 0 && ::prctl(PR_CAPBSET_READ, CAP_IPC_LOCK) == 1;
+  if (limit.rlim_cur != RLIM_INFINITY && !has_capability)
+    GTEST_SKIP() << "this user may not lock memory";
+  GTEST_FLAG_SET(death_test_style, "threadsafe");
+  EXPECT_EXIT(Lock(false), ::testing::ExitedWithCode(0), "^locked; $");
 }
 
 class NotifierTest : public ::testing::Test {

@@ -115,8 +115,12 @@ TEST_F(BadInputTest, RigFiles) {
       {"type: flat\n  normal: [0, 0, 1]\n  distance_m: 0.02",
        "type: dome\n  center_m: [0, 0, 0.05]\n  radius_m: 0.05",
        ":8: port.center_m: puts the camera outside its dome", "give a centre nearer"},
-      {"max_features: 200", "max_features: 1", ":13: mapper.max_features: is out of range",
-       "mapper_options.h"},
+      {"max_features: 200", "max_features: 1", ":13: mapper.max_features: is out of range: 1",
+       "give a number from 50 to 20000; see this option in rsfm/mapping/mapper_options.h"},
+      {"max_features: 200", "max_loops: 1000", ":13: mapper.max_loops: is out of range: 1000",
+       "from 1 to 256"},
+      {"max_features: 200", "max_places: 900, max_way_nodes: 500",
+       ":13: mapper.max_places: contradicts another option", "mapper_options.h"},
   };
   for (const auto& bad : cases) {
     const std::string rig = Write("rig.yaml", Replaced(kRig, bad.from, bad.to));
@@ -214,7 +218,7 @@ TEST_F(BadInputTest, CheckSaysWhetherRefractionMatters) {
 
 // The memory that the on-board mapper takes, by component: the parts are the whole.
 TEST_F(BadInputTest, CheckListsTheMappersMemory) {
-  const auto total = [&](const std::string& rig, double* sum) {
+  const auto total = [&](const std::string& rig, double* sum, double* places = nullptr) {
     const ProgramResult result = Run("check " + rig);
     EXPECT_EQ(result.exit_code, 0) << result.err;
     const std::size_t at = result.out.find("mapper memory ");
@@ -233,6 +237,7 @@ TEST_F(BadInputTest, CheckListsTheMappersMemory) {
       EXPECT_EQ(unit, "MiB");
       EXPECT_EQ(rest, "  " + std::string(name));
       EXPECT_GT(part, 0.0) << name;
+      if (places != nullptr && std::string(name) == "places and loops") *places = part;
       *sum += part;
     }
     return whole;
@@ -244,6 +249,13 @@ TEST_F(BadInputTest, CheckListsTheMappersMemory) {
   EXPECT_NEAR(small, small_sum, 0.1);  // rounded to hundredths and tenths
   EXPECT_NEAR(large, large_sum, 0.1);
   EXPECT_GT(large, small + 1.0);  // 56 keyframes more, of 200 features and SIFT descriptors each
+  // 300 places fewer, of 160 points and SIFT descriptors each, and 19,000 poses of the way.
+  double many = 0.0, few = 0.0, sum = 0.0;
+  total(Path("rig.yaml"), &sum, &many);
+  const std::string few_places =
+      Replaced(kRig, "max_keyframes: 8", "max_keyframes: 8, max_places: 100, max_way_nodes: 1000");
+  total(Write("few.yaml", few_places), &sum, &few);
+  EXPECT_GT(many - few, (300 * 160 * (24 + 128) + 19000 * 2 * 64) / 1048576.0);
 }
 
 class FullDiskTest : public BadInputTest {

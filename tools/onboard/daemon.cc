@@ -70,6 +70,7 @@ IoExpected<std::unique_ptr<Daemon>> Daemon::Create(const DaemonOptions& options)
     if (ExitCode(s.error()) != 1) return Fail(s.error());
     daemon->mission_problem_ = "the mission is not written: " + ToString(s.error());
   }
+  if (rig_now.onboard.lock_memory) daemon->memory_problem_ = LockMemory();
   return daemon;
 }
 
@@ -172,6 +173,7 @@ std::string Daemon::Problems() {
     if (!problem.empty()) text += (text.empty() ? "" : "; ") + problem;
   };
   add(mission_problem_);
+  add(memory_problem_);
   if (shared_->log_is_failing) add("the mission's log cannot be written");
   if (recorder_ && recorder_->problem() != nullptr) add(recorder_->problem());
   add(reload_problem_);

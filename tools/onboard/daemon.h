@@ -44,6 +44,8 @@ class Daemon {
   status_t MakeStatus(std::int64_t now_us);
   // Why the mission is not written; empty: it is.
   const std::string& mission_problem() const { return mission_problem_; }
+  // Why onboard.lock_memory could not be done; empty: it was, or was not asked for.
+  const std::string& memory_problem() const { return memory_problem_; }
 
  private:
   Daemon() = default;
@@ -66,7 +68,7 @@ class Daemon {
   std::unique_ptr<MissionWriter> writer_;
   std::unique_ptr<Recorder> recorder_;
   std::filesystem::path mission_;
-  std::string mission_problem_, reload_problem_;
+  std::string mission_problem_, memory_problem_, reload_problem_;
   std::vector<std::uint8_t> encoded_;
   std::thread capture_, mapper_, bus_thread_, receive_, log_, record_;
   std::int64_t last_status_us_ = 0, last_frames_ = 0;

@@ -115,8 +115,8 @@ int Main(int argc, char** argv) {
   const Notifier notifier;
   auto daemon = Daemon::Create(*options);
   if (!daemon) return Report(daemon.error());
-  if (!(*daemon)->mission_problem().empty())
-    std::fprintf(stderr, "warning: %s\n", (*daemon)->mission_problem().c_str());
+  for (const std::string& problem : {(*daemon)->mission_problem(), (*daemon)->memory_problem()})
+    if (!problem.empty()) std::fprintf(stderr, "warning: %s\n", problem.c_str());
   if (!(*daemon)->mission().empty())
     std::fprintf(stderr, "mission: %s\n", (*daemon)->mission().c_str());
   const IoStatus status = (*daemon)->Run(

@@ -1,14 +1,19 @@
 #include "tools/onboard/system.h"
 
+#include <linux/capability.h>
 #include <pthread.h>
 #include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/statvfs.h>
+#include <sys/syscall.h>
 #include <sys/un.h>
 #include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cstddef>
 #include <cstdio>
 #include <cstdlib>
@@ -21,6 +26,14 @@ std::int64_t NowUs(clockid_t clock) {
   timespec now = {};
   ::clock_gettime(clock, &now);
   return static_cast<std::int64_t>(now.tv_sec) * 1'000'000 + now.tv_nsec / 1000;
+}
+
+// CAP_IPC_LOCK: no limit applies.
+bool MayLockAnything() {
+  __user_cap_header_struct header = {_LINUX_CAPABILITY_VERSION_3, 0};
+  __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3] = {};
+  return ::syscall(SYS_capget, &header, data) == 0 &&
+         (data[0].effective & (1u << CAP_IPC_LOCK)) != 0;
 }
 
 }  // namespace
@@ -76,6 +89,25 @@ std::string SetUpThread(const char* name, int priority, int cpu) {
                  " has no real-time priority: " + std::strerror(error);
   }
   return problem;
+}
+
+std::string LockMemory() {
+  constexpr std::size_t kStackBytes = 2u << 20;
+  rlimit limit = {};
+  ::getrlimit(RLIMIT_MEMLOCK, &limit);
+  // Below a limit the call may succeed, and an allocation during the mission fail.
+  if (limit.rlim_cur != RLIM_INFINITY && !MayLockAnything())
+    return "memory is not locked: the limit (RLIMIT_MEMLOCK) is " +
+           std::to_string(limit.rlim_cur / 1024) +
+           " KiB; give the unit LimitMEMLOCK=infinity, or the shell ulimit -l unlimited";
+  pthread_attr_t attributes;
+  ::pthread_attr_init(&attributes);
+  ::pthread_attr_setstacksize(&attributes, kStackBytes);
+  ::pthread_setattr_default_np(&attributes);
+  ::pthread_attr_destroy(&attributes);
+  if (::mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
+    return std::string("memory is not locked: mlockall: ") + std::strerror(errno);
+  return {};
 }
 
 std::int64_t ResidentBytes() {

@@ -39,6 +39,11 @@ class Notifier {
 // a cpu of its own. What the system refuses, for a person; empty: nothing.
 std::string SetUpThread(const char* name, int priority = 0, int cpu = -1);
 
+// Keeps all pages of the process in memory, those that it has and those that it will have, the
+// stacks of threads that start later included: these get 2 MiB each from here on. What the system
+// refuses, and what to do about it, for a person; empty: nothing.
+std::string LockMemory();
+
 std::int64_t ResidentBytes();                              // 0: not known
 std::int64_t FreeDiskBytes(const std::filesystem::path&);  // -1: not known
 
