@@ -17,11 +17,14 @@
 #include <optional>
 #include <string_view>
 
+#include "rsfm/mapping/body_pose.h"
 #include "rsfm/mapping/frame_placer.h"
 #include "rsfm/mapping/initialiser.h"
+#include "rsfm/mapping/jump_watch.h"
 #include "rsfm/mapping/loop_closer.h"
 #include "rsfm/mapping/map_grower.h"
 #include "rsfm/mapping/nav_aid.h"
+#include "rsfm/mapping/water_in_use.h"
 #include "rsfm/mapping/window_adjuster.h"
 
 namespace rsfm {
@@ -55,13 +58,6 @@ struct StepReport {
   double window_error_px = 0.0;  // mean, after adjustment
 };
 
-// The water before the port, as the camera has it.
-struct WaterInUse {
-  double index = 1.334;
-  bool is_measured = false;  // else the camera's as it was given; the conditions then mean nothing
-  double temperature_c = 0.0, salinity_psu = 0.0, depth_m = 0.0;
-};
-
 // Bytes by component, all taken by Create.
 struct MemoryPlan {
   struct Item {
@@ -77,8 +73,7 @@ class IncrementalMapper {
   // kInvalidArgument; `where` is the option. The only place that allocates.
   static Expected<std::unique_ptr<IncrementalMapper>> Create(const MapperOptions& options,
                                                              const AnyCamera& camera,
-                                                             const Rigid3& body_from_camera,
-                                                             const LoopOptions& loops = {});
+                                                             const Rigid3& body_from_camera);
 
   // Takes one frame. Never allocates, throws or logs; on error the map is as it was.
   //   kOutOfOrder       not newer than the frame before
@@ -103,11 +98,11 @@ class IncrementalMapper {
 
  private:
   IncrementalMapper(const MapperOptions& options, const AnyCamera& camera, NavAid nav,
-                    WindowAdjuster adjuster, const LoopOptions& loops);
+                    WindowAdjuster adjuster);
 
   Status Check(const FrameObservations& frame) const noexcept;
   void BeginReport(Utime utime) noexcept;
-  void FollowWater(Utime utime) noexcept;
+  void SetCamera(const AnyCamera& camera) noexcept;
   SlotId StoreKeyframe(const FrameObservations& frame) noexcept;
   int FramesBeforeRestart() const noexcept;
   void Continue(const FrameObservations& frame, SlotId keyframe) noexcept;
@@ -126,15 +121,10 @@ class IncrementalMapper {
   void TakeNewest(SlotId keyframe) noexcept;
   void CoastOn(Utime utime) noexcept;
   void Evict() noexcept;
-  struct KnownPose {
-    Utime utime = 0;
-    Rigid3 camera_from_world;
-    Mat6 covariance = Mat6::Zero();  // of the left perturbation
-  };
-  void CorrectVelocity(CameraMotion* motion) const noexcept;
-  std::optional<KnownPose> MoveOn(const KnownPose& from, Utime utime) const noexcept;
+  NavErrors nav_errors() const {
+    return {adjuster_.nav_states(), adjuster_.nav_state_covariance()};
+  }
   std::optional<KnownPose> Predict(Utime utime) const noexcept;
-  void AnnounceJump() noexcept;
   void CollectKeyframes(bool placed, int count, SlotId except) noexcept;
   bool has_world() const { return has_world_; }
 
@@ -157,21 +147,10 @@ class IncrementalMapper {
   bool has_position_ = false;  // a fix says where the world is
   KnownPose base_;             // of the last placed frame; navigation is added to it
   KnownPose next_base_;  // of a long outage: takes base_'s place before navigation forgets that
-  KnownPose published_;  // of the last frame that had a pose
-  bool has_published_ = false;
-  bool has_jumped_ = false;  // in this frame, by a loop
-  bool has_seen_ = false;    // an image with features
+  JumpWatch jumps_;
+  bool has_seen_ = false;  // an image with features
   int frames_lost_ = 0;
   std::uint64_t frame_count_ = 0;
 };
-
-// The body's pose for publication: world_from_body, and the covariance of (position along, small
-// rotation about) the world's axes.
-struct BodyPose {
-  Rigid3 world_from_body;
-  Mat6 covariance;
-};
-BodyPose ToBodyPose(const Rigid3& camera_from_world, const Mat6& covariance,
-                    const Rigid3& body_from_camera) noexcept;
 
 }  // namespace rsfm

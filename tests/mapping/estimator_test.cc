@@ -140,12 +140,9 @@ TEST(Estimator, RevisitsCloseLoops) {
   mapper_options.heading_drift_deg = 10.0;
   double end_error_m[2] = {};
   for (const bool with_loops : {false, true}) {
-    LoopOptions loops;
-    loops.max_places = with_loops ? 30 : 0;  // fewer than there are: they are thinned out
-    loops.max_nodes = 1000;
-    const auto mapper =
-        IncrementalMapper::Create(mapper_options, mission.camera(), DownwardCamera(), loops)
-            .value();
+    mapper_options.max_places = with_loops ? 30 : 0;  // fewer than there are: they are thinned out
+    mapper_options.max_way_nodes = 1000;
+    const auto mapper = MakeMapper(mission, mapper_options);
     const Flight flight = Fly(mission, mapper.get(), mission.num_frames());
     end_error_m[with_loops] =
         (flight.found.back() - flight.found[0] - flight.truth.back() + flight.truth[0]).norm();

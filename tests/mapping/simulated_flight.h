@@ -14,17 +14,29 @@ struct Flight {
   std::vector<StepReport> reports;
   std::vector<Vec3> found, truth;  // the body, where there is a pose
   std::vector<double> nees;        // of the frames with a pose
+  // The same of parts: along north and east, down, about the level axes, about the vertical.
+  std::vector<Vec4> partial_nees;  // of 2, 1, 2 and 1 degrees of freedom
   std::size_t heap_calls = 0;
   int num_tracking = 0;
 };
 
 // The error of a pose with its covariance: (position, rotation about the world's axes). The world's
 // place is that of the first pose.
-inline double Nees(const BodyPose& pose, const Rigid3& truth, const Vec3& offset) {
+inline Vec6 PoseError(const BodyPose& pose, const Rigid3& truth, const Vec3& offset) {
   Vec6 error;
   error.head<3>() = pose.world_from_body.translation - truth.translation - offset;
   error.tail<3>() = LogSo3(pose.world_from_body.rotation * truth.rotation.conjugate());
-  return error.dot(pose.covariance.ldlt().solve(error));
+  return error;
+}
+inline double Nees(const Vec6& error, const Mat6& covariance) {
+  return error.dot(covariance.ldlt().solve(error));
+}
+inline Vec4 PartialNees(const Vec6& error, const Mat6& covariance) {
+  const auto of_pair = [&](int i) {
+    return error.segment<2>(i).dot(covariance.block<2, 2>(i, i).inverse() * error.segment<2>(i));
+  };
+  const auto of_one = [&](int i) { return error[i] * error[i] / covariance(i, i); };
+  return {of_pair(0), of_one(2), of_pair(3), of_one(5)};
 }
 
 inline Flight Fly(const SimulatedMission& mission, IncrementalMapper* mapper, int num_frames) {
@@ -33,7 +45,7 @@ inline Flight Fly(const SimulatedMission& mission, IncrementalMapper* mapper, in
   Vec3 offset = Vec3::Zero();
   for (int frame = 0; frame < num_frames; ++frame) {
     const FeatureFrame seen = mission.See(frame);
-    const FrameObservations view = seen.View(mission.UtimeOf(frame));
+    const FrameObservations view = seen.View(mission.UtimeOf(frame), mission.IsKeyframe(frame));
     MallocTrap trap;
     const auto report = mapper->Step(view);
     flight.heap_calls += trap.count();
@@ -50,7 +62,9 @@ inline Flight Fly(const SimulatedMission& mission, IncrementalMapper* mapper, in
     }
     flight.found.push_back(body.world_from_body.translation);
     flight.truth.push_back(truth.translation);
-    flight.nees.push_back(Nees(body, truth, offset));
+    const Vec6 error = PoseError(body, truth, offset);
+    flight.nees.push_back(Nees(error, body.covariance));
+    flight.partial_nees.push_back(PartialNees(error, body.covariance));
   }
   return flight;
 }

@@ -19,6 +19,8 @@ struct SimulatedMissionOptions {
   double leg_m = 20.0, spacing_m = 6.0;  // wider than an image: no revisits
   double speed_mps = 0.5;
   double frame_rate_hz = 2.0;
+  int keyframe_every = 1;  // frames between are a video's: tracks alone
+  double repeat_m = 0.0;   // > 0: the bottom looks the same again after so far north
   double altitude_m = 3.0, depth_m = 10.0;  // mean altitude; of the bottom
   double points_per_m2 = 12.0;
   int max_features = 160;
@@ -51,6 +53,7 @@ class SimulatedMission {
   double length_m() const { return options_.legs * options_.leg_m + (options_.legs - 1) * Turn(); }
   double duration_s() const { return length_m() / options_.speed_mps; }
   int num_frames() const { return static_cast<int>(duration_s() * options_.frame_rate_hz); }
+  bool IsKeyframe(int frame) const { return frame % options_.keyframe_every == 0; }
   double TimeOf(int frame) const { return frame / options_.frame_rate_hz; }
   const AnyCamera& camera() const { return camera_; }
   const FeatureWorld& world() const { return world_; }
@@ -83,6 +86,7 @@ class SimulatedMission {
 
   MapperOptions Mapper() const {
     MapperOptions mapper;
+    if (options_.keyframe_every > 1) mapper.rhythm = Rhythm::kVideo;
     mapper.max_features = options_.max_features + 20;
     mapper.max_keyframes = 24;
     mapper.max_landmarks = 4000;
@@ -181,6 +185,7 @@ class SimulatedMission {
     world.depth_m = options.depth_m;
     world.noise_px = options.noise_px;
     world.clutter = 0.1;
+    world.repeat_m = options.repeat_m;
     world.max_features = options.max_features;
     world.num_points =
         static_cast<int>(options.points_per_m2 * (world.length_m + 4.0) * world.width_m);

@@ -1,0 +1,113 @@
+// Where frames are looked for, from the cheapest to the widest search.
+#include <algorithm>
+#include <cmath>
+
+#include "rsfm/mapping/incremental_mapper.h"
+
+namespace rsfm {
+namespace {
+
+constexpr int kWaitingPerStep = 2;    // keyframes without pose tried again after each new one
+constexpr int kMinSimilarity = 12;    // of its strongest features, for such a try
+constexpr int kPlentyOfInliers = 80;  // below, older keyframes are asked as well
+
+std::size_t Count(int value) { return static_cast<std::size_t>(value); }
+
+}  // namespace
+
+// The newest `count` keyframes that have, or have not, a pose: newest first.
+void IncrementalMapper::CollectKeyframes(bool placed, int count, SlotId except) noexcept {
+  candidates_.clear();
+  const std::span<const SlotId> keyframes = map_.keyframes();
+  for (std::size_t i = keyframes.size(); i-- > 0 && candidates_.size() < Count(count);) {
+    if (keyframes[i] != except && map_.keyframe(keyframes[i]).is_placed == placed)
+      candidates_.TryPushBack(keyframes[i]);
+  }
+}
+
+// Whether a pose may be true, given what navigation says has happened since the last placed frame.
+bool IncrementalMapper::IsPlausible(const Placement& placement) const noexcept {
+  const std::optional<KnownPose> predicted = Predict(last_utime_);
+  if (!predicted) return true;
+  const Vec3 at = predicted->camera_from_world.OriginOfTarget();
+  const Vec3 miss = placement.camera_from_world.OriginOfTarget() - at;
+  const double moved = (at - base_.camera_from_world.OriginOfTarget()).norm();
+  const double angle =
+      AngleBetween(placement.camera_from_world.rotation, predicted->camera_from_world.rotation);
+  const double sigma_m = std::sqrt(predicted->covariance.bottomRightCorner<3, 3>().trace());
+  const double sigma_rad = std::sqrt(predicted->covariance.topLeftCorner<3, 3>().trace());
+  return miss.norm() < 0.1 + 0.1 * moved + 6.0 * sigma_m && angle < 0.05 + 6.0 * sigma_rad;
+}
+
+// From the cheapest to the widest search; the first that finds plenty, else the best there was.
+Expected<Placement> IncrementalMapper::PlaceFrame(const FrameView& frame,
+                                                  SlotId keyframe) noexcept {
+  const std::uint64_t seed = options_.seed + frame_count_;
+  Expected<Placement> best = Fail(Errc::kNotEnoughInliers, "inliers");
+  bool is_settled = false;  // the placer's associations are those of `best`
+  const auto consider = [&](const Expected<Placement>& placement) {
+    is_settled = false;
+    if (!placement || !IsPlausible(*placement)) return false;
+    if (best && best->num_inliers >= placement->num_inliers) return false;
+    best = placement;
+    is_settled = true;
+    return best->num_inliers >= kPlentyOfInliers;
+  };
+  CollectKeyframes(true, options_.match_keyframes, keyframe);
+  placer_.MatchWith(map_, frame, candidates_.span());
+  if (consider(placer_.Place(map_, frame, seed)) || frame.descriptors.count == 0) return best;
+
+  if (const auto predicted = Predict(last_utime_)) {
+    if (consider(placer_.PlaceNear(map_, frame, predicted->camera_from_world,
+                                   options_.guided_radius_px, seed)))
+      return best;
+  }
+  // The newest again, and the most similar of the older.
+  const std::size_t num_newest = candidates_.size();
+  CollectKeyframes(true, static_cast<int>(map_.keyframes().size()), keyframe);
+  const std::span<const SlotId> all = candidates_.span();
+  const std::span<const SlotId> similar = placer_.MostSimilar(
+      map_, frame, options_.relocalise_keyframes, all.subspan(std::min(num_newest, all.size())));
+  std::copy(similar.begin(), similar.end(), candidates_.begin() + num_newest);
+  if (!similar.empty()) {
+    placer_.MatchWith(map_, frame, all.first(num_newest + similar.size()));
+    if (consider(placer_.Place(map_, frame, seed))) return best;
+  }
+  // Few landmarks: one neighbour's matches, landmarks or not.
+  const auto beside = initialiser_.PlaceBeside(map_, frame, last_utime_, placer_.matches(), nav_,
+                                               report_.scale_is_metric);
+  if (beside && IsPlausible(*beside)) {
+    best = beside;
+    is_settled = false;
+  }
+  if (best && !is_settled) placer_.Associate(map_, frame, best->camera_from_world);
+  return best;
+}
+
+// Keyframes that had no pose may share landmarks with the newest one.
+void IncrementalMapper::PlaceWaiting(SlotId newest) noexcept {
+  CollectKeyframes(false, static_cast<int>(map_.keyframes().size()), newest);
+  if (candidates_.empty()) return;
+  const FrameView view{map_.features(newest), map_.descriptors(newest)};
+  const std::span<const SlotId> similar =
+      placer_.MostSimilar(map_, view, kWaitingPerStep, candidates_.span());
+  StaticVector<SlotId, kWaitingPerStep> waiting;
+  for (const SlotId id : similar) waiting.TryPushBack(id);
+  for (const SlotId id : waiting) {
+    const FrameView old{map_.features(id), map_.descriptors(id)};
+    if (placer_.Similarity(old.descriptors, view.descriptors) < kMinSimilarity) continue;
+    CollectKeyframes(true, options_.match_keyframes, id);
+    placer_.MatchWith(map_, old, candidates_.span());
+    const auto placement = placer_.Place(map_, old, options_.seed + frame_count_);
+    if (!placement) continue;
+    Keyframe& keyframe = map_.keyframe(id);
+    keyframe.is_placed = true;
+    keyframe.camera_from_world = placement->camera_from_world;
+    keyframe.covariance = placement->covariance + map_.keyframe(newest).covariance;
+    keyframe.world = report_.world;
+    Extend(id);
+    report_.placed_late.TryPushBack(id);
+  }
+}
+
+}  // namespace rsfm
