@@ -85,7 +85,9 @@ Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noe
 
 void IncrementalMapper::Continue(const FrameObservations& frame, SlotId keyframe) noexcept {
   const FrameView view{frame.features, frame.descriptors};
-  if (const auto placement = PlaceFrame(view, keyframe)) {
+  auto placement = PlaceFrame(view, keyframe);
+  if (!placement) placement = Relocalise(view, keyframe);
+  if (placement) {
     Accept(*placement, keyframe);
     if (keyframe.valid()) {
       Extend(keyframe);

@@ -7,10 +7,10 @@
 // A frame is placed by the landmarks it shows (frame_placer.h); if it carries descriptors it
 // becomes a keyframe, adds to the map (map_grower.h), and a window of keyframes is adjusted
 // (window_adjuster.h). What has left the window is a place that may be seen again (loop_closer.h):
-// then the way between is corrected, and with it the map. The first map comes from two views
-// (initialiser.h), with scale from navigation where it spans them. A frame that shows too little is
-// looked for among older keyframes; keyframes that could not be placed wait, and are tried again as
-// the map grows.
+// then the way between is corrected, and with it the map; a frame that is lost is looked for there.
+// The first map comes from two views (initialiser.h), with scale from navigation where it spans
+// them. A frame that shows too little is looked for among older keyframes; keyframes that could not
+// be placed wait, and are tried again as the map grows.
 #pragma once
 
 #include <memory>
@@ -48,6 +48,8 @@ struct StepReport {
   SlotId keyframe;                      // the frame's, where it became one, placed or not
   SlotId left_window;                   // a keyframe that adjustment will not move again, or none
   StaticVector<SlotId, 4> placed_late;  // keyframes of earlier frames that now have a pose
+  // The number of the keyframe, long gone from the map, by whose place this frame was found, or -1.
+  std::int32_t recognised_keyframe = -1;
   // Goes up at every jump: of the world's frame, and of a pose that is farther from where the one
   // before and navigation put it than three sigmas (of place or of rotation).
   int reset_counter = 0;
@@ -111,7 +113,9 @@ class IncrementalMapper {
   void PlacePair(const InitialPair& pair) noexcept;
   void ForgetPlaced() noexcept;
   bool IsPlausible(const Placement& placement) const noexcept;
+  bool AgreesWithAttitude(const Placement& placement) const noexcept;
   Expected<Placement> PlaceFrame(const FrameView& frame, SlotId keyframe) noexcept;
+  Expected<Placement> Relocalise(const FrameView& frame, SlotId keyframe) noexcept;
   void Accept(const Placement& placement, SlotId keyframe) noexcept;
   void Extend(SlotId keyframe) noexcept;
   void PlaceWaiting(SlotId newest) noexcept;

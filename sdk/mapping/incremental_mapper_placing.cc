@@ -84,6 +84,48 @@ Expected<Placement> IncrementalMapper::PlaceFrame(const FrameView& frame,
   return best;
 }
 
+// Roll, pitch and, as far as its bias is known, heading are measured: not every turn may be true.
+bool IncrementalMapper::AgreesWithAttitude(const Placement& placement) const noexcept {
+  constexpr double kRough_rad = 0.1;
+  if (!report_.world_is_ned) return true;
+  const auto expected = nav_.CameraFromNed(nav_.buffer().At(last_utime_));
+  if (!expected) return true;
+  const NavErrors errors = nav_errors();
+  const double bias = std::abs(errors.states[kHeadingBias]) +
+                      6.0 * std::sqrt(errors.covariance(kHeadingBias, kHeadingBias));
+  return AngleBetween(placement.camera_from_world.rotation, expected->rotation) < kRough_rad + bias;
+}
+
+// Among the places that have left the map. One that generalised P3P confirms comes back as a
+// keyframe, and the frame is placed against it as against any other.
+Expected<Placement> IncrementalMapper::Relocalise(const FrameView& frame,
+                                                  SlotId keyframe) noexcept {
+  const auto failed = Fail(Errc::kNotEnoughInliers, "places");
+  if (!keyframe.valid()) return failed;
+  const std::uint64_t seed = options_.seed + frame_count_;
+  const std::optional<KnownPose> expected = Predict(last_utime_);
+  const KnownPose* expected_or_null = expected ? &*expected : nullptr;
+  const auto recognised = loops_.Recognise(map_, frame, expected_or_null, seed);
+  if (!recognised) return failed;
+  Evict();
+  const auto place = loops_.Restore(*recognised, report_.world, &map_);
+  if (!place) return failed;
+  candidates_.clear();
+  candidates_.TryPushBack(*place);
+  placer_.MatchWith(map_, frame, candidates_.span());
+  const auto placement = placer_.Place(map_, frame, seed);
+  if (!placement || !IsPlausible(*placement) || !AgreesWithAttitude(*placement)) {
+    placer_.ClearLandmarks();
+    map_.EraseKeyframe(*place);
+    return failed;
+  }
+  map_.keyframe(keyframe).camera_from_world = placement->camera_from_world;
+  loops_.Anchor(map_, keyframe, *recognised, expected_or_null, base_);
+  if (!expected) jumps_.Expect();
+  report_.recognised_keyframe = recognised->place.keyframe_id;
+  return placement;
+}
+
 // Keyframes that had no pose may share landmarks with the newest one.
 void IncrementalMapper::PlaceWaiting(SlotId newest) noexcept {
   CollectKeyframes(false, static_cast<int>(map_.keyframes().size()), newest);

@@ -11,13 +11,12 @@ namespace {
 constexpr double kTilt = 3e-4, kTurn = 1e-3;  // rad
 constexpr double kShift = 0.01;               // m
 constexpr double kMinStep_m = 0.1;
-constexpr int kMinObservations = 3;  // of a landmark that a place keeps
-constexpr int kMinFeatures = 40;     // of a place
-constexpr int kMinMatches = 15;
 constexpr double kSpacing = 0.3;  // of the range, between places
 constexpr double kReach = 1.0;    // of the range, plus three sigmas: what is near
 // A place's points are not exact, and not independent: the loop's own deviation, at least.
 constexpr double kLoopTurn = 2e-3, kLoopShift = 0.01;
+constexpr int kMinSimilarity = 4;   // of a place, to be searched for a lost frame
+constexpr int kMinUnexpected = 25;  // inliers that say where a frame is against nothing else
 
 std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
@@ -26,21 +25,6 @@ PoseGraphOptions GraphOptions(const MapperOptions& options) {
   graph.max_nodes = options.max_places > 0 ? options.max_way_nodes : 0;
   graph.max_loops = options.max_places > 0 ? options.max_loops : 0;
   return graph;
-}
-
-// The median distance of its landmarks, or 0.
-double RangeOf(const Map& map, SlotId id) {
-  StaticVector<double, 64> ranges;
-  for (const SlotId landmark : map.landmarks_of(id)) {
-    const Landmark* point = map.landmarks().Find(landmark);
-    if (point == nullptr) continue;
-    if (!ranges.TryPushBack((map.keyframe(id).camera_from_world * point->point_in_world).norm()))
-      break;
-  }
-  if (ranges.size() < 8) return 0.0;
-  const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
-  std::nth_element(ranges.begin(), middle, ranges.end());
-  return *middle;
 }
 
 // Of a left perturbation of camera_from_world, as a turn and a shift along the world's axes.
@@ -53,42 +37,34 @@ Mat6 AlongWorld(const Mat6& covariance, const Rigid3& world_from_camera) {
   return turned;
 }
 
+// A left perturbation of b_from_a is a right one of a_from_b, the other way round. `b` is left out.
+PoseGraph::Loop MakeLoop(int node, const PlaceArchive::Sighting& seen) {
+  PoseGraph::Loop loop;
+  loop.a = node;
+  loop.a_from_b = seen.frame_from_place.Inverse();
+  Vec6 floor;
+  floor << kLoopTurn, kLoopTurn, kLoopTurn, kLoopShift, kLoopShift, kLoopShift;
+  loop.covariance = seen.covariance;
+  loop.covariance.diagonal() += floor.cwiseAbs2();
+  return loop;
+}
+
 }  // namespace
 
 LoopCloser::LoopCloser(const MapperOptions& options, const AnyCamera& camera)
     : options_(options),
-      camera_(camera),
       graph_(GraphOptions(options)),
-      matcher_(options.max_places > 0 ? std::max(options.max_features, int{kFeatures}) : 1),
-      estimator_(options.max_places > 0 ? kFeatures : 1),
-      known_(Count(GraphOptions(options).max_nodes)),
-      places_(Count(options.max_places)),
-      free_slots_(Count(options.max_places)),
-      points_(Count(options.max_places) * kFeatures),
-      descriptors_(Count(options.max_places) * kFeatures *
-                   Count(DescriptorStride(options.descriptor))),
-      matches_(kFeatures),
-      pixels_(kFeatures),
-      matched_points_(kFeatures) {
-  points_.TryResizeForOverwrite(points_.capacity());
-  descriptors_.TryResize(descriptors_.capacity());
-  matches_.TryResize(matches_.capacity());
-  Clear();
-}
+      places_(options, camera),
+      known_(Count(GraphOptions(options).max_nodes)) {}
 
-std::size_t LoopCloser::bytes() const {
-  return graph_.bytes() + matcher_.bytes() + estimator_.bytes() + known_.bytes() + places_.bytes() +
-         free_slots_.bytes() + points_.bytes() + descriptors_.bytes() + matches_.bytes() +
-         pixels_.bytes() + matched_points_.bytes();
-}
+std::size_t LoopCloser::bytes() const { return graph_.bytes() + places_.bytes() + known_.bytes(); }
 
 void LoopCloser::Clear() noexcept {
   graph_.Clear();
   known_.clear();
-  places_.clear();
-  free_slots_.clear();
-  for (std::size_t slot = free_slots_.capacity(); slot-- > 0;) free_slots_.TryPushBack(slot);
+  places_.Clear();
   spacing_m_ = 0.0;
+  anchored_.clear();
 }
 
 // As the odometry has it by experience, or as the pose's own covariance grows where that is more:
@@ -117,56 +93,24 @@ void LoopCloser::MakeRoom() noexcept {
   graph_.DropOldest(dropped);
   std::move(known_.begin() + dropped, known_.end(), known_.begin());
   known_.TryResizeForOverwrite(known_.size() - Count(dropped));
-  std::size_t kept = 0;
-  for (Place place : places_) {
-    place.node -= dropped;
-    if (place.node < 0) {
-      free_slots_.TryPushBack(place.slot);
-    } else {
-      places_[kept++] = place;
-    }
-  }
-  places_.TryResizeForOverwrite(kept);
+  places_.DropNodesBefore(dropped);
+  for (Anchored& anchored : anchored_) anchored.loop.a -= dropped;
+  ForgetAnchored([](const Anchored& anchored) { return anchored.loop.a < 0; });
 }
 
-// Every other place goes; those to come lie twice as far apart.
-void LoopCloser::ThinOut() noexcept {
-  std::size_t kept = 0;
-  for (std::size_t i = 0; i < places_.size(); ++i) {
-    if (i % 2 == 1) {
-      free_slots_.TryPushBack(places_[i].slot);
-    } else {
-      places_[kept++] = places_[i];
-    }
-  }
-  places_.TryResizeForOverwrite(kept);
-  spacing_m_ *= 2.0;
-}
-
+// The newest node, where it is farther from the last place than they are apart.
 void LoopCloser::Keep(const Map& map, SlotId id) noexcept {
-  const Keyframe& keyframe = map.keyframe(id);
   const int node = graph_.size() - 1;
-  if (!places_.empty()) {
+  if (!places_.places().empty()) {
     const Vec3 step = graph_.world_from_camera(node).translation -
-                      graph_.world_from_camera(places_.back().node).translation;
+                      graph_.world_from_camera(places_.places().back().node).translation;
     if (step.norm() < spacing_m_) return;
   }
-  if (free_slots_.empty()) ThinOut();
-  if (free_slots_.empty()) return;
-  Place place{node, free_slots_.back(), 0};
-  const DescriptorView rows = map.descriptors(id);
-  const auto stride = Count(DescriptorStride(options_.descriptor));
-  const std::span<const SlotId> landmarks = map.landmarks_of(id);
-  for (std::size_t i = 0; i < landmarks.size() && place.num_features < kFeatures; ++i) {
-    const Landmark* landmark = map.landmarks().Find(landmarks[i]);
-    if (landmark == nullptr || landmark->observations.size() < kMinObservations) continue;
-    const std::size_t k = place.slot * kFeatures + Count(place.num_features++);
-    points_[k] = keyframe.camera_from_world * landmark->point_in_world;
-    std::copy_n(rows.Row(static_cast<int>(i)), stride, descriptors_.data() + k * stride);
+  if (places_.full()) {
+    places_.ThinOut();
+    spacing_m_ *= 2.0;
   }
-  if (place.num_features < kMinFeatures) return;
-  free_slots_.pop_back();
-  places_.TryPushBack(place);
+  places_.Keep(map, id, node);
 }
 
 // The places nearest to the newest node, of those that are near enough for what is not known of the
@@ -176,10 +120,11 @@ void LoopCloser::FindNear(double reach_m) noexcept {
   const int newest = graph_.size() - 1;
   const Rigid3& here = graph_.world_from_camera(newest);
   double variance = 0.0, turn_variance = 0.0;
-  std::size_t left = places_.size();
+  const std::span<const PlaceArchive::Place> places = places_.places();
+  std::size_t left = places.size();
   std::array<double, 3> distances{};
   for (int node = newest; node >= 0 && left > 0; --node) {
-    for (; left > 0 && places_[left - 1].node == node; --left) {
+    for (; left > 0 && places[left - 1].node == node; --left) {
       if (newest - node < options_.max_keyframes) continue;
       const double distance =
           (graph_.world_from_camera(node).translation - here.translation).norm();
@@ -197,66 +142,70 @@ void LoopCloser::FindNear(double reach_m) noexcept {
         near_[at] = near_[at - 1];
       }
       distances[at] = distance;
-      near_[at] = places_[left - 1];
+      near_[at] = places[left - 1];
     }
     variance += graph_.variance(node).tail<3>().sum();
     turn_variance += graph_.variance(node)[2];
   }
 }
 
-bool LoopCloser::Match(const Map& map, SlotId id, const Place& place,
+bool LoopCloser::Match(const Map& map, SlotId id, const PlaceArchive::Place& place,
                        PoseGraph::Loop* loop) noexcept {
-  const auto stride = Count(DescriptorStride(options_.descriptor));
-  const DescriptorView known{descriptors_.data() + place.slot * kFeatures * stride,
-                             place.num_features, options_.descriptor};
-  const int count = matcher_.Match(known, map.descriptors(id), options_.max_ratio, matches_.span());
-  if (count < kMinMatches) return false;
-  pixels_.clear();
-  matched_points_.clear();
-  for (int i = 0; i < count; ++i) {
-    const DescriptorMatch& match = matches_[Count(i)];
-    pixels_.TryPushBack(map.features(id)[Count(match.train)].pixel());
-    matched_points_.TryPushBack(points(place)[Count(match.query)]);
-  }
-  AbsolutePoseOptions options;
-  options.ransac.max_error_px = options_.max_error_px;
-  options.ransac.max_iterations = options_.ransac_iterations;
-  options.ransac.seed = options_.seed + static_cast<std::uint64_t>(map.keyframe(id).id);
-  options.min_inliers = std::max(kMinMatches, count / 4);
-  const auto found = estimator_.Estimate(camera_, pixels_.span(), matched_points_.span(), options);
-  if (!found) return false;
-  loop->a = place.node;
+  const FrameView frame{map.features(id), map.descriptors(id)};
+  const auto seed = options_.seed + static_cast<std::uint64_t>(map.keyframe(id).id);
+  const auto seen = places_.Match(frame, place, seed);
+  if (!seen) return false;
+  *loop = MakeLoop(place.node, *seen);
   loop->b = graph_.size() - 1;
-  loop->a_from_b = found->camera_from_world.Inverse();
-  // A left perturbation of b_from_a is a right one of a_from_b, the other way round.
-  Vec6 floor;
-  floor << kLoopTurn, kLoopTurn, kLoopTurn, kLoopShift, kLoopShift, kLoopShift;
-  loop->covariance = found->covariance;
-  loop->covariance.diagonal() += floor.cwiseAbs2();
   return true;
+}
+
+bool LoopCloser::Close(const PoseGraph::Loop& loop) noexcept {
+  for (std::size_t i = 0; i < known_.size(); ++i)
+    known_[i].world_from_camera = graph_.world_from_camera(static_cast<int>(i));
+  const bool is_closed = graph_.Close(loop).has_value();
+  num_refused_ += !is_closed;
+  num_closed_ += is_closed;
+  return is_closed;
+}
+
+// The link of a keyframe that a place has anchored is what navigation says; the node is where the
+// place says.
+void LoopCloser::AddNode(const Keyframe& keyframe) noexcept {
+  if (graph_.size() == graph_.capacity()) MakeRoom();
+  const Rigid3 world_from_camera = keyframe.camera_from_world.Inverse();
+  Vec6 variance = LinkVariance(keyframe, world_from_camera);
+  Rigid3 as_linked = world_from_camera;
+  for (const Anchored& anchored : anchored_) {
+    if (anchored.keyframe_id != keyframe.id) continue;
+    as_linked = anchored.unmoved_from_world * world_from_camera;
+    variance = variance.cwiseMax(anchored.variance);
+  }
+  graph_.AddNode(world_from_camera, variance, as_linked);
+  known_.TryPushBack({keyframe.id, world_from_camera});
 }
 
 bool LoopCloser::Add(const Map& map, SlotId id, bool is_ned) noexcept {
   if (options_.max_places == 0) return false;
-  const Keyframe& keyframe = map.keyframe(id);
   is_ned_ = is_ned;
-  if (graph_.size() == graph_.capacity()) MakeRoom();
-  const Rigid3 world_from_camera = keyframe.camera_from_world.Inverse();
-  if (!graph_.AddNode(world_from_camera, LinkVariance(keyframe, world_from_camera))) return false;
-  known_.TryPushBack({keyframe.id, world_from_camera});
+  const std::int32_t keyframe_id = map.keyframe(id).id;
+  AddNode(map.keyframe(id));
+  bool is_closed = false;
+  for (Anchored& anchored : anchored_) {
+    if (anchored.keyframe_id != keyframe_id) continue;
+    anchored.loop.b = graph_.size() - 1;
+    is_closed = Close(anchored.loop);
+  }
+  ForgetAnchored([&](const Anchored& anchored) { return anchored.keyframe_id <= keyframe_id; });
+  if (is_closed) return true;
   const double range = RangeOf(map, id);
   if (range <= 0.0) return false;
   spacing_m_ = std::max(spacing_m_, kSpacing * range);
   FindNear(kReach * range);
-  bool is_closed = false;
-  for (const Place& place : near_) {
+  for (const PlaceArchive::Place& place : near_) {
     PoseGraph::Loop loop;
     if (!Match(map, id, place, &loop)) continue;
-    for (std::size_t i = 0; i < known_.size(); ++i)
-      known_[i].world_from_camera = graph_.world_from_camera(static_cast<int>(i));
-    is_closed = graph_.Close(loop).has_value();
-    num_refused_ += !is_closed;
-    num_closed_ += is_closed;
+    is_closed = Close(loop);
     break;  // one a keyframe
   }
   // Where it was seen before it is not kept again.
@@ -273,6 +222,78 @@ Rigid3 LoopCloser::Correction(std::int32_t keyframe_id) const noexcept {
       static_cast<std::size_t>(is_known ? at - known_.begin() : known_.end() - known_.begin() - 1);
   return graph_.world_from_camera(static_cast<int>(node)) *
          known_[node].world_from_camera.Inverse();
+}
+
+// The places that look most like the frame, of those that may be seen from there; most similar
+// first.
+std::span<const PlaceArchive::Place> LoopCloser::LookAt(const Map& map, const FrameView& frame,
+                                                        const KnownPose* expected) noexcept {
+  near_.clear();
+  std::array<int, kCandidates> similarities{};
+  const std::span<const PlaceArchive::Place> places = places_.places();
+  const std::size_t count = std::min(places.size(), kPlacesPerLook);
+  for (std::size_t i = 0; i < count; ++i, ++next_look_) {
+    if (next_look_ >= places.size()) next_look_ = 0;
+    const PlaceArchive::Place& place = places[next_look_];
+    if (expected != nullptr) {
+      const Vec3 away = graph_.world_from_camera(place.node).translation -
+                        expected->camera_from_world.OriginOfTarget();
+      const double sigma = std::sqrt(expected->covariance.bottomRightCorner<3, 3>().trace());
+      if (away.norm() > kReach * place.range_m + 3.0 * sigma) continue;
+    }
+    const bool is_in_map =
+        std::any_of(map.keyframes().begin(), map.keyframes().end(),
+                    [&](SlotId id) { return map.keyframe(id).id == place.keyframe_id; });
+    if (is_in_map) continue;
+    const int similarity = places_.Similarity(frame, place);
+    if (similarity < kMinSimilarity) continue;
+    if (near_.full() && similarities[kCandidates - 1] >= similarity) continue;
+    if (near_.full()) near_.pop_back();
+    near_.TryPushBack(place);
+    std::size_t at = near_.size() - 1;
+    for (; at > 0 && similarities[at - 1] < similarity; --at) {
+      similarities[at] = similarities[at - 1];
+      near_[at] = near_[at - 1];
+    }
+    similarities[at] = similarity;
+    near_[at] = place;
+  }
+  return {near_.begin(), near_.end()};
+}
+
+std::optional<LoopCloser::Recognised> LoopCloser::Recognise(const Map& map, const FrameView& frame,
+                                                            const KnownPose* expected,
+                                                            std::uint64_t seed) noexcept {
+  const int enough = expected != nullptr ? 0 : kMinUnexpected;
+  for (const PlaceArchive::Place& place : LookAt(map, frame, expected)) {
+    const auto seen = places_.Match(frame, place, seed);
+    if (!seen || seen->num_inliers < enough) continue;
+    return Recognised{place, graph_.world_from_camera(place.node).Inverse(), *seen};
+  }
+  return std::nullopt;
+}
+
+void LoopCloser::Anchor(const Map& map, SlotId id, const Recognised& recognised,
+                        const KnownPose* expected, const KnownPose& last_placed) noexcept {
+  constexpr double kUnknown_rad = 1.0, kUnknown_m = 100.0;
+  const Keyframe& keyframe = map.keyframe(id);
+  if (anchored_.full()) return;
+  Anchored anchored;
+  anchored.keyframe_id = keyframe.id;
+  anchored.loop = MakeLoop(recognised.place.node, recognised.sighting);
+  anchored.loop.a_from_b = recognised.place_from_world * keyframe.camera_from_world.Inverse();
+  anchored.unmoved_from_world = {};
+  anchored.variance.head<3>().setConstant(kUnknown_rad * kUnknown_rad);
+  anchored.variance.tail<3>().setConstant(kUnknown_m * kUnknown_m);
+  if (expected != nullptr) {
+    const Rigid3 expected_in_world = expected->camera_from_world.Inverse();
+    anchored.unmoved_from_world = expected_in_world * keyframe.camera_from_world;
+    anchored.variance =
+        (AlongWorld(expected->covariance, expected_in_world) -
+         AlongWorld(last_placed.covariance, last_placed.camera_from_world.Inverse()))
+            .diagonal();
+  }
+  anchored_.TryPushBack(anchored);
 }
 
 }  // namespace rsfm

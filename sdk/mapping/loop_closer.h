@@ -1,16 +1,14 @@
-// Revisits: what keyframes showed is kept long after they have left the map, a few features each,
-// and where a keyframe comes near such a place it is looked for there. A match that generalised P3P
-// confirms closes a loop of the pose graph.
-//
-// A place's points are in its own camera's frame: corrections of the way move it as a whole.
+// Revisits: where a keyframe comes near a place that it has been at before (place_archive.h), it is
+// looked for there. A match that generalised P3P confirms closes a loop of the pose graph. A frame
+// that the map does not place is looked for among the places, too.
 #pragma once
 
 #include <cstdint>
 #include <span>
 
-#include "rsfm/estimation/absolute_pose.h"
-#include "rsfm/mapping/descriptor_matcher.h"
 #include "rsfm/mapping/map.h"
+#include "rsfm/mapping/nav_reckoning.h"
+#include "rsfm/mapping/place_archive.h"
 #include "rsfm/mapping/pose_graph.h"
 #include "rsfm/refraction/any_camera.h"
 
@@ -22,7 +20,7 @@ class LoopCloser {
   LoopCloser(const MapperOptions& options, const AnyCamera& camera);
 
   // The same camera in other water; allocates nothing.
-  void SetCamera(const AnyCamera& camera) noexcept { camera_ = camera; }
+  void SetCamera(const AnyCamera& camera) noexcept { places_.SetCamera(camera); }
 
   // A new world begins.
   void Clear() noexcept;
@@ -32,51 +30,75 @@ class LoopCloser {
   // moved, see Correction(). Without places (max_places is 0) never.
   bool Add(const Map& map, SlotId keyframe, bool is_ned) noexcept;
 
+  // The place that the frame shows, which is not in the map: among those that may be seen from
+  // where it is expected; `expected` null: among all, and not on a few matches. Takes as long as
+  // kPlacesPerLook first looks and kCandidates searches by RANSAC.
+  struct Recognised {
+    PlaceArchive::Place place;
+    Rigid3 place_from_world;
+    PlaceArchive::Sighting sighting;
+  };
+  std::optional<Recognised> Recognise(const Map& map, const FrameView& frame,
+                                      const KnownPose* expected, std::uint64_t seed) noexcept;
+  // The place as a keyframe of the map again, the one before the newest.
+  std::optional<SlotId> Restore(const Recognised& recognised, int world, Map* map) const noexcept {
+    return places_.Restore(recognised.place, recognised.place_from_world, world, map);
+  }
+  // A keyframe was put where a place says it is, and not where navigation expected it (nullptr:
+  // nothing did): a loop, closed when the keyframe comes to be the newest of the way. The way
+  // before it takes its part of the difference then.
+  void Anchor(const Map& map, SlotId keyframe, const Recognised& recognised,
+              const KnownPose* expected, const KnownPose& last_placed) noexcept;
+
   // By the last loop: new_world_from_world of that keyframe, of the newest one where it is unknown.
   Rigid3 Correction(std::int32_t keyframe_id) const noexcept;
 
   int num_closed() const { return num_closed_; }
-  int num_places() const { return static_cast<int>(places_.size()); }
+  int num_places() const { return static_cast<int>(places_.places().size()); }
   int num_refused() const { return num_refused_; }  // matches that contradict the way
   const PoseGraph& graph() const { return graph_; }
   std::size_t bytes() const;
 
  private:
-  static constexpr int kFeatures = 160;  // of a place
-  struct Place {
-    int node = 0;
-    std::size_t slot = 0;  // of the pools
-    int num_features = 0;
-  };
+  static constexpr std::size_t kCandidates = 3;
+  static constexpr std::size_t kPlacesPerLook = 400;
   struct Known {  // of a node
     std::int32_t keyframe_id = -1;
     Rigid3 world_from_camera;  // before the last loop
   };
 
   Vec6 LinkVariance(const Keyframe& keyframe, const Rigid3& world_from_camera) noexcept;
+  struct Anchored {
+    std::int32_t keyframe_id = -1;  // none
+    PoseGraph::Loop loop;
+    Rigid3 unmoved_from_world;     // undoes what the place moved
+    Vec6 variance = Vec6::Zero();  // of the link to the node before
+  };
+
+  void AddNode(const Keyframe& keyframe) noexcept;
+  template <class Predicate>
+  void ForgetAnchored(Predicate is_over) noexcept {
+    while (!anchored_.empty() && is_over(anchored_[0])) {
+      std::move(anchored_.begin() + 1, anchored_.end(), anchored_.begin());
+      anchored_.pop_back();
+    }
+  }
   void MakeRoom() noexcept;
-  void ThinOut() noexcept;
   void Keep(const Map& map, SlotId keyframe) noexcept;
   void FindNear(double reach_m) noexcept;
-  bool Match(const Map& map, SlotId keyframe, const Place& place, PoseGraph::Loop* loop) noexcept;
-  std::span<Vec3> points(const Place& place) {
-    return points_.span().subspan(place.slot * kFeatures, kFeatures);
-  }
+  bool Match(const Map& map, SlotId keyframe, const PlaceArchive::Place& place,
+             PoseGraph::Loop* loop) noexcept;
+  bool Close(const PoseGraph::Loop& loop) noexcept;
+  std::span<const PlaceArchive::Place> LookAt(const Map& map, const FrameView& frame,
+                                              const KnownPose* expected) noexcept;
 
   MapperOptions options_;
-  AnyCamera camera_;
   PoseGraph graph_;
-  DescriptorMatcher matcher_;
-  AbsolutePoseEstimator estimator_;
-  FixedVector<Known> known_;   // of each node
-  FixedVector<Place> places_;  // in the order of their nodes
-  FixedVector<std::size_t> free_slots_;
-  FixedVector<Vec3> points_;               // in the place's camera
-  FixedVector<std::uint8_t> descriptors_;  // of the slots, DescriptorStride apart
-  FixedVector<DescriptorMatch> matches_;
-  FixedVector<Vec2> pixels_;
-  FixedVector<Vec3> matched_points_;
-  StaticVector<Place, 3> near_;
+  PlaceArchive places_;
+  FixedVector<Known> known_;  // of each node
+  StaticVector<PlaceArchive::Place, kCandidates> near_;
+  std::size_t next_look_ = 0;            // at that place the next search begins
+  StaticVector<Anchored, 4> anchored_;   // that have not come to be nodes yet
   double spacing_m_ = 0.0;               // between places
   Mat6 last_covariance_ = Mat6::Zero();  // of the newest node, along the world's axes
   bool is_ned_ = false;

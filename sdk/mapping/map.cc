@@ -53,6 +53,13 @@ std::optional<SlotId> Map::AddKeyframe(const FrameObservations& frame, const Key
   return id;
 }
 
+std::optional<SlotId> Map::InsertBeforeNewest(const FrameObservations& frame,
+                                              const Keyframe& keyframe) {
+  const std::optional<SlotId> id = AddKeyframe(frame, keyframe);
+  if (id) std::swap(order_[order_.size() - 2], order_[order_.size() - 1]);
+  return id;
+}
+
 void Map::EraseKeyframe(SlotId id) {
   if (!keyframes_.Contains(id)) return;
   for (const SlotId landmark : landmarks_of(id)) {

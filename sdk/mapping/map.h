@@ -51,6 +51,10 @@ class Map {
 
   // Copies features and descriptors; nullopt when full. Features beyond the capacity are left out.
   std::optional<SlotId> AddKeyframe(const FrameObservations& frame, const Keyframe& keyframe);
+  // The same, as the last but one in the order: a keyframe that comes back is older than the frame
+  // that it comes back for. Precondition: there is one.
+  std::optional<SlotId> InsertBeforeNewest(const FrameObservations& frame,
+                                           const Keyframe& keyframe);
   // With its observations; landmarks that are left with none go too.
   void EraseKeyframe(SlotId id);
 

@@ -41,12 +41,13 @@ void PoseGraph::Clear() noexcept {
   loops_.clear();
 }
 
-bool PoseGraph::AddNode(const Rigid3& world_from_camera, const Vec6& variance) noexcept {
+bool PoseGraph::AddNode(const Rigid3& world_from_camera, const Vec6& variance,
+                        const Rigid3& as_linked) noexcept {
   Node node;
   node.world_from_camera = world_from_camera;
   node.variance = variance;
   if (!nodes_.empty())
-    node.before_from_this = nodes_.back().world_from_camera.Inverse() * world_from_camera;
+    node.before_from_this = nodes_.back().world_from_camera.Inverse() * as_linked;
   return nodes_.TryPushBack(node);
 }
 

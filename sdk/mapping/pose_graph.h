@@ -39,8 +39,13 @@ class PoseGraph {
   void Clear() noexcept;
   // The next pose. `variance`: of the link from the node before, of a turn about the world's axes
   // at the camera and of a shift along them, rad^2 and m^2, each > 0; of the first it means
-  // nothing. False when full.
-  bool AddNode(const Rigid3& world_from_camera, const Vec6& variance) noexcept;
+  // nothing. False when full. The link is measured as it is, or, given `as_linked`, as it would be
+  // to there.
+  bool AddNode(const Rigid3& world_from_camera, const Vec6& variance) noexcept {
+    return AddNode(world_from_camera, variance, world_from_camera);
+  }
+  bool AddNode(const Rigid3& world_from_camera, const Vec6& variance,
+               const Rigid3& as_linked) noexcept;
   // Where the world's frame moves, links stay.
   void Move(const Rigid3& new_world_from_world) noexcept;
   // Forgets the oldest `count` nodes; loops that reach into them are taken for settled (as Settle).
