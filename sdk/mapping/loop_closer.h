@@ -3,6 +3,7 @@
 // that the map does not place is looked for among the places, too.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <span>
 
