@@ -202,7 +202,7 @@ TYPED_TEST(LensTest, HotPathDoesNotAllocate) {
   const auto params = RandomParams<TypeParam>(&rng, 1.0);
   MallocTrap trap;
   const TypeParam lens(params);
-  Vec2 pixel;
+  Vec2 pixel = Vec2::Zero();
   Vec3 direction;
   LensJacobian<TypeParam::kNumParams> jacobian;
   EXPECT_EQ(lens.Project(Vec3(0.1, 0.2, 1.0), &pixel, &jacobian), LensStatus::kOk);

@@ -45,17 +45,25 @@ TEST(CornerDetector, FindsTheMaximaOfItsScore) {
     std::vector<Corner> corners(400);
     const int count = detector.Detect(pyramid.level(0), part, 1.0f, corners);
     ASSERT_GT(count, 5);
-    int expected = 0;
+    // In single precision, and with fused products on some processors, what is nearly equal may be
+    // either.
+    constexpr double kNearly = 1e-4;
+    int surely = 0, perhaps = 0;
     for (int y = part.top; y < part.bottom; ++y) {
       for (int x = part.left; x < part.right; ++x) {
         const double score = PlainScore(pyramid.level(0), x, y);
-        bool is_maximum = score >= 1.0;
-        for (int k = 0; k < 9 && is_maximum; ++k)
-          is_maximum = k == 4 || score > PlainScore(pyramid.level(0), x + k % 3 - 1, y + k / 3 - 1);
-        expected += is_maximum ? 1 : 0;
+        double most_beside = 1.0;
+        for (int k = 0; k < 9; ++k)
+          if (k != 4)
+            most_beside =
+                std::max(most_beside, PlainScore(pyramid.level(0), x + k % 3 - 1, y + k / 3 - 1));
+        surely += score > (1.0 + kNearly) * most_beside ? 1 : 0;
+        perhaps += score > (1.0 - kNearly) * most_beside ? 1 : 0;
       }
     }
-    EXPECT_EQ(count, expected);
+    EXPECT_GE(count, surely);
+    EXPECT_LE(count, perhaps);
+    EXPECT_LE(perhaps - surely, 2);
     for (int i = 0; i < count; ++i) {
       const Corner& corner = corners[static_cast<std::size_t>(i)];
       if (i > 0) {
