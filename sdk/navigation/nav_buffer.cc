@@ -60,7 +60,6 @@ std::size_t NavBuffer::bytes() const {
 
 template <class Sample>
 bool NavBuffer::Store(const Sample& sample, TimedRingBuffer<Sample>* ring) noexcept {
-  if (!IsTime(sample.utime)) return Reject(NavReject::kOutOfRange), false;
   if (sample.utime < horizon_) return Reject(NavReject::kTooLate), false;
   if (!ring->empty()) {
     const std::size_t i = ring->LowerBound(sample.utime);
@@ -123,7 +122,21 @@ bool NavBuffer::InsertScalar(NavField field, const NavSample& sample) noexcept {
   return Store(ScalarSample{sample.utime, value, sigma}, is_depth ? &depth_ : &altitude_);
 }
 
+bool NavBuffer::IsBelieved(Utime utime) noexcept {
+  constexpr int kThatConfirm = 3;
+  if (!IsTime(utime)) return false;
+  if (accepted_ == 0 || utime - newest_ <= kFarAheadUs) {
+    num_ahead_ = 0;
+    return true;
+  }
+  const bool goes_on = num_ahead_ > 0 && std::abs(utime - ahead_) <= kFarAheadUs;
+  num_ahead_ = goes_on ? num_ahead_ + 1 : 1;
+  ahead_ = utime;
+  return num_ahead_ >= kThatConfirm;
+}
+
 std::uint32_t NavBuffer::Insert(const NavSample& sample) noexcept {
+  if (!IsBelieved(sample.utime)) return Reject(NavReject::kOutOfRange), 0;
   NavSample taken;
   for (const NavField field : {NavField::kPosition, NavField::kVelocity, NavField::kWater}) {
     if (sample.Has(field) && InsertVector(field, sample)) taken.Set(field);

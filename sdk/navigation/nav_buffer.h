@@ -62,7 +62,9 @@ class NavBuffer {
   static Expected<NavBuffer> Create(const NavBufferOptions& options);
 
   // Takes the sample's valid fields, each on its own; returns the bits of those taken. Late samples
-  // go to their place. A sample older than a full ring is dropped as kRunsBackwards.
+  // go to their place. A sample older than a full ring is dropped as kRunsBackwards. One that is
+  // kFarAheadUs beyond all others is not believed (kOutOfRange) before the third in a row says so:
+  // whatever comes after it would run backwards.
   std::uint32_t Insert(const NavSample& sample) noexcept;
   std::uint64_t rejected(NavReject reason) const {
     return rejected_[static_cast<std::size_t>(reason)];
@@ -102,6 +104,8 @@ class NavBuffer {
       f(position_[i].utime, position_[i].value, position_[i].sigma);
   }
 
+  static constexpr Utime kFarAheadUs = 3'600'000'000;
+
   // From now on samples older than this are refused as kTooLate. Those that are there stay.
   void SetHorizon(Utime horizon) { horizon_ = std::max(horizon_, horizon); }
 
@@ -126,6 +130,7 @@ class NavBuffer {
   };
 
   explicit NavBuffer(const NavBufferOptions& options);
+  bool IsBelieved(Utime utime) noexcept;
   void Reject(NavReject reason) { ++rejected_[static_cast<std::size_t>(reason)]; }
   template <class Sample>
   bool Store(const Sample& sample, TimedRingBuffer<Sample>* ring) noexcept;
@@ -145,6 +150,8 @@ class NavBuffer {
   std::array<std::uint64_t, kNumNavRejects> rejected_{};
   std::uint64_t accepted_ = 0;
   Utime newest_ = 0;
+  Utime ahead_ = 0;  // the last that was too far ahead
+  int num_ahead_ = 0;
   Utime horizon_ = 0;
 };
 

@@ -155,6 +155,24 @@ TEST(NavBuffer, RefusesAndCountsBadValues) {
   EXPECT_EQ(nav.Insert(mixed), static_cast<std::uint32_t>(NavField::kDepth));
 }
 
+// What comes after a time from the future would all run backwards.
+TEST(NavBuffer, OneTimeFromTheFutureIsNotBelieved) {
+  NavBuffer nav = MakeBuffer();
+  EXPECT_NE(nav.Insert(Depth(100.0, 5.0)), 0u);
+  for (int i = 1; i < 5; ++i) {  // however often, with the truth between
+    EXPECT_EQ(nav.Insert(Depth(1e6 + i, 6.0)), 0u);
+    EXPECT_NE(nav.Insert(Depth(100.0 + i, 5.0)), 0u);
+  }
+  EXPECT_EQ(nav.rejected(NavReject::kOutOfRange), 4u);
+  EXPECT_NE(nav.Insert(Depth(3600.0, 5.0)), 0u);  // not long without navigation
+  // The clock was set: the third on the new time is believed, and what follows.
+  EXPECT_EQ(nav.Insert(Depth(9000.0, 7.0)), 0u);
+  EXPECT_EQ(nav.Insert(Depth(9001.0, 7.0)), 0u);
+  EXPECT_NE(nav.Insert(Depth(9002.0, 7.0)), 0u);
+  EXPECT_NE(nav.Insert(Depth(9003.0, 7.0)), 0u);
+  EXPECT_EQ(nav.newest(), UsFromSeconds(9003.0));
+}
+
 TEST(NavBuffer, DeadReckonsACircleWithinItsCovariance) {
   // Forward speed 0.5 m/s while turning at 0.1 rad/s: a circle of radius 5 m; depth rises by a
   // ramp.
