@@ -13,6 +13,7 @@
 #include "rsfm_drivers/v4l2/capture.h"
 #include "tools/onboard/bounded_queue.h"
 #include "tools/onboard/frame_pool.h"
+#include "tools/onboard/memory_plan.h"
 #include "tools/onboard/system.h"
 
 namespace rsfm {
@@ -22,9 +23,8 @@ inline constexpr int kNumWorkers = 6;
 
 struct Shared {
   explicit Shared(const Rig& rig)
-      : pool(rig.onboard.frame_queue + rig.onboard.record_queue + 3,
-             static_cast<std::size_t>(rig.camera.width) *
-                 static_cast<std::size_t>(rig.camera.height)),
+      : pool(NumFrames(rig.onboard), static_cast<std::size_t>(rig.camera.width) *
+                                         static_cast<std::size_t>(rig.camera.height)),
         frames(static_cast<std::size_t>(rig.onboard.frame_queue)),
         record(static_cast<std::size_t>(rig.onboard.record_queue)),
         nav(static_cast<std::size_t>(rig.onboard.nav_queue)),

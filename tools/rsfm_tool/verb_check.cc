@@ -10,13 +10,16 @@
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/rig.h"
 #include "rsfm/io/text.h"
+#include "rsfm/mapping/frame_gate.h"
 #include "rsfm/mapping/front_end.h"
 #include "rsfm/mapping/incremental_mapper.h"
+#include "rsfm/mapping/track_predictor.h"
 #include "rsfm/refraction/any_camera.h"
 #include "rsfm/refraction/best_fit.h"
 #include "tools/check/heat_map.h"
 #include "tools/check/transect.h"
 #include "tools/common/exit.h"
+#include "tools/onboard/memory_plan.h"
 
 namespace rsfm {
 namespace {
@@ -202,12 +205,22 @@ int PrintMemory(const Rig& rig, const AnyCamera& camera, const std::string& file
   constexpr double kMebi = 1024.0 * 1024.0;
   MemoryPlan plan = (*mapper)->memory_plan();
   plan.items.TryPushBack({"front end", (*front_end)->bytes()});
+  const FrameGate gate(camera.width(), camera.height());
+  const TrackPredictor predictor(rig.mapper.rhythm == Rhythm::kVideo ? rig.mapper.max_features : 0);
+  plan.items.TryPushBack({"images' checks and forecasts", gate.bytes() + predictor.bytes()});
   std::printf("mapper memory %.1f MiB, taken at the start:\n",
               static_cast<double>(plan.total()) / kMebi);
   for (const MemoryPlan::Item& item : plan.items) {
     std::printf("              %8.2f MiB  %s\n", static_cast<double>(item.bytes) / kMebi,
                 item.name);
   }
+  const DaemonMemory daemon = PlanDaemon(rig);
+  std::printf(
+      "daemon memory %.1f MiB more on board: images %.2f MiB, queues %.2f MiB; programs and "
+      "libraries\n              take up to %d MiB on top\n",
+      static_cast<double>(daemon.frame_bytes + daemon.queue_bytes) / kMebi,
+      static_cast<double>(daemon.frame_bytes) / kMebi,
+      static_cast<double>(daemon.queue_bytes) / kMebi, kLibrariesMiB);
   return 0;
 }
 
