@@ -11,6 +11,7 @@ namespace {
 
 // RDI-style logs mark a missing velocity by the smallest 16-bit integer in mm/s.
 constexpr double kVelocitySentinel = -32.768;
+constexpr int kThatConfirm = 3;  // samples of a time that is not expected: then it is the time
 constexpr double kOneSidedPart = 0.1;  // of max_gap_s: how far one neighbour alone may be
 
 std::size_t At0(int capacity) { return static_cast<std::size_t>(capacity); }
@@ -59,24 +60,43 @@ std::size_t NavBuffer::bytes() const {
 }
 
 template <class Sample>
-bool NavBuffer::Store(const Sample& sample, TimedRingBuffer<Sample>* ring) noexcept {
+bool NavBuffer::IsBelieved(Utime utime, Series<Sample>* series) noexcept {
+  if (series->empty()) return true;
+  const Utime ahead_us = utime - series->back().utime;
+  if (series->num_first < kThatConfirm && std::abs(ahead_us) > kFarAheadUs) {
+    series->clear();
+    return true;
+  }
+  if (ahead_us <= kFarAheadUs) {
+    series->num_ahead = 0;
+    return true;
+  }
+  const bool goes_on = series->num_ahead > 0 && std::abs(utime - series->ahead) <= kFarAheadUs;
+  series->num_ahead = goes_on ? series->num_ahead + 1 : 1;
+  series->ahead = utime;
+  return series->num_ahead >= kThatConfirm;
+}
+
+template <class Sample>
+bool NavBuffer::Store(const Sample& sample, Series<Sample>* series) noexcept {
   if (sample.utime < horizon_) return Reject(NavReject::kTooLate), false;
-  if (!ring->empty()) {
-    const std::size_t i = ring->LowerBound(sample.utime);
-    if (i < ring->size() && (*ring)[i].utime == sample.utime)
+  if (!IsBelieved(sample.utime, series)) return Reject(NavReject::kOutOfRange), false;
+  if (!series->empty()) {
+    const std::size_t i = series->LowerBound(sample.utime);
+    if (i < series->size() && (*series)[i].utime == sample.utime)
       return Reject(NavReject::kRepeated), false;
-    const double late_s = SecondsFromUs(ring->back().utime - sample.utime);
+    const double late_s = SecondsFromUs(series->back().utime - sample.utime);
     if (late_s > options_.max_late_s) return Reject(NavReject::kRunsBackwards), false;
   }
-  if (!ring->Insert(sample)) return Reject(NavReject::kRunsBackwards), false;
+  if (!series->Insert(sample)) return Reject(NavReject::kRunsBackwards), false;
   ++accepted_;
-  newest_ = std::max(newest_, sample.utime);
+  series->num_first = std::min(series->num_first + 1, kThatConfirm);
   return true;
 }
 
 bool NavBuffer::InsertVector(NavField field, const NavSample& sample) noexcept {
   VectorSample stored{sample.utime, Vec3::Zero(), Vec3::Zero()};
-  TimedRingBuffer<VectorSample>* ring = &position_;
+  Series<VectorSample>* series = &position_;
   double limit = 1e9;
   if (field == NavField::kPosition) {
     stored.value = sample.position_ned_m;
@@ -84,11 +104,11 @@ bool NavBuffer::InsertVector(NavField field, const NavSample& sample) noexcept {
   } else if (field == NavField::kVelocity) {
     stored.value = sample.velocity_body_mps;
     stored.sigma = sample.sigma_velocity_mps;
-    ring = &velocity_;
+    series = &velocity_;
     limit = options_.max_speed_mps;
   } else {
     stored.value = Vec3(sample.temperature_c, sample.salinity_psu, 0.0);
-    ring = &water_;
+    series = &water_;
     limit = 1e3;
   }
   if (!stored.value.allFinite() || !stored.sigma.allFinite())
@@ -98,7 +118,7 @@ bool NavBuffer::InsertVector(NavField field, const NavSample& sample) noexcept {
   if (sentinel_velocity || (stored.sigma.array() < 0.0).any())
     return Reject(NavReject::kSentinel), false;
   if (stored.value.norm() > limit) return Reject(NavReject::kOutOfRange), false;
-  return Store(stored, ring);
+  return Store(stored, series);
 }
 
 bool NavBuffer::InsertAttitude(const NavSample& sample) noexcept {
@@ -122,21 +142,8 @@ bool NavBuffer::InsertScalar(NavField field, const NavSample& sample) noexcept {
   return Store(ScalarSample{sample.utime, value, sigma}, is_depth ? &depth_ : &altitude_);
 }
 
-bool NavBuffer::IsBelieved(Utime utime) noexcept {
-  constexpr int kThatConfirm = 3;
-  if (!IsTime(utime)) return false;
-  if (accepted_ == 0 || utime - newest_ <= kFarAheadUs) {
-    num_ahead_ = 0;
-    return true;
-  }
-  const bool goes_on = num_ahead_ > 0 && std::abs(utime - ahead_) <= kFarAheadUs;
-  num_ahead_ = goes_on ? num_ahead_ + 1 : 1;
-  ahead_ = utime;
-  return num_ahead_ >= kThatConfirm;
-}
-
 std::uint32_t NavBuffer::Insert(const NavSample& sample) noexcept {
-  if (!IsBelieved(sample.utime)) return Reject(NavReject::kOutOfRange), 0;
+  if (!IsTime(sample.utime)) return Reject(NavReject::kOutOfRange), 0;
   NavSample taken;
   for (const NavField field : {NavField::kPosition, NavField::kVelocity, NavField::kWater}) {
     if (sample.Has(field) && InsertVector(field, sample)) taken.Set(field);

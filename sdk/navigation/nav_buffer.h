@@ -63,8 +63,9 @@ class NavBuffer {
 
   // Takes the sample's valid fields, each on its own; returns the bits of those taken. Late samples
   // go to their place. A sample older than a full ring is dropped as kRunsBackwards. One that is
-  // kFarAheadUs beyond all others is not believed (kOutOfRange) before the third in a row says so:
-  // whatever comes after it would run backwards.
+  // kFarAheadUs beyond all others of its kind is not believed (kOutOfRange) before the third in a
+  // row says so: whatever comes after it would run backwards. The first two of a kind have nothing
+  // to be held against: one that is as far from them starts the kind anew.
   std::uint32_t Insert(const NavSample& sample) noexcept;
   std::uint64_t rejected(NavReject reason) const {
     return rejected_[static_cast<std::size_t>(reason)];
@@ -109,7 +110,6 @@ class NavBuffer {
   // From now on samples older than this are refused as kTooLate. Those that are there stay.
   void SetHorizon(Utime horizon) { horizon_ = std::max(horizon_, horizon); }
 
-  Utime newest() const { return newest_; }  // over all fields; 0 before the first
   std::size_t bytes() const;
 
  private:
@@ -130,10 +130,19 @@ class NavBuffer {
   };
 
   explicit NavBuffer(const NavBufferOptions& options);
-  bool IsBelieved(Utime utime) noexcept;
   void Reject(NavReject reason) { ++rejected_[static_cast<std::size_t>(reason)]; }
+  // The measurements of one kind, and what is known of their clock.
   template <class Sample>
-  bool Store(const Sample& sample, TimedRingBuffer<Sample>* ring) noexcept;
+  struct Series : TimedRingBuffer<Sample> {
+    using TimedRingBuffer<Sample>::TimedRingBuffer;
+    int num_first = 0;  // taken since the start, as far as that matters
+    Utime ahead = 0;    // the last that was too far ahead
+    int num_ahead = 0;  // in a row
+  };
+  template <class Sample>
+  static bool IsBelieved(Utime utime, Series<Sample>* series) noexcept;
+  template <class Sample>
+  bool Store(const Sample& sample, Series<Sample>* series) noexcept;
   template <class Sample>
   bool Interpolate(const TimedRingBuffer<Sample>& ring, Utime utime, Sample* result) const noexcept;
   bool InsertVector(NavField field, const NavSample& sample) noexcept;
@@ -141,17 +150,14 @@ class NavBuffer {
   bool InsertScalar(NavField field, const NavSample& sample) noexcept;
 
   NavBufferOptions options_;
-  TimedRingBuffer<VectorSample> position_;
-  TimedRingBuffer<AttitudeSample> attitude_;
-  TimedRingBuffer<VectorSample> velocity_;
-  TimedRingBuffer<ScalarSample> depth_;
-  TimedRingBuffer<ScalarSample> altitude_;
-  TimedRingBuffer<VectorSample> water_;  // temperature, salinity, 0
+  Series<VectorSample> position_;
+  Series<AttitudeSample> attitude_;
+  Series<VectorSample> velocity_;
+  Series<ScalarSample> depth_;
+  Series<ScalarSample> altitude_;
+  Series<VectorSample> water_;  // temperature, salinity, 0
   std::array<std::uint64_t, kNumNavRejects> rejected_{};
   std::uint64_t accepted_ = 0;
-  Utime newest_ = 0;
-  Utime ahead_ = 0;  // the last that was too far ahead
-  int num_ahead_ = 0;
   Utime horizon_ = 0;
 };
 

@@ -158,7 +158,7 @@ TEST(NavBuffer, RefusesAndCountsBadValues) {
 // What comes after a time from the future would all run backwards.
 TEST(NavBuffer, OneTimeFromTheFutureIsNotBelieved) {
   NavBuffer nav = MakeBuffer();
-  EXPECT_NE(nav.Insert(Depth(100.0, 5.0)), 0u);
+  for (const double t : {98.0, 99.0, 100.0}) EXPECT_NE(nav.Insert(Depth(t, 5.0)), 0u);
   for (int i = 1; i < 5; ++i) {  // however often, with the truth between
     EXPECT_EQ(nav.Insert(Depth(1e6 + i, 6.0)), 0u);
     EXPECT_NE(nav.Insert(Depth(100.0 + i, 5.0)), 0u);
@@ -170,7 +170,28 @@ TEST(NavBuffer, OneTimeFromTheFutureIsNotBelieved) {
   EXPECT_EQ(nav.Insert(Depth(9001.0, 7.0)), 0u);
   EXPECT_NE(nav.Insert(Depth(9002.0, 7.0)), 0u);
   EXPECT_NE(nav.Insert(Depth(9003.0, 7.0)), 0u);
-  EXPECT_EQ(nav.newest(), UsFromSeconds(9003.0));
+  EXPECT_TRUE(nav.At(UsFromSeconds(9003.0)).Has(NavField::kDepth));
+}
+
+// Nothing is known yet that the first could be held against: those that follow overrule it.
+TEST(NavBuffer, AWrongFirstTimeIsOverruled) {
+  for (const double wrong : {1e6, -1e6}) {
+    NavBuffer nav = MakeBuffer();
+    nav.Insert(Depth(wrong, 6.0));
+    for (int i = 0; i < 5; ++i) EXPECT_NE(nav.Insert(Depth(100.0 + i, 5.0)), 0u) << wrong;
+    EXPECT_TRUE(nav.At(UsFromSeconds(104.0)).Has(NavField::kDepth));
+    EXPECT_TRUE(nav.At(UsFromSeconds(102.5)).Has(NavField::kDepth));
+    EXPECT_FALSE(nav.At(UsFromSeconds(wrong)).Has(NavField::kDepth));
+    EXPECT_EQ(nav.Insert(Depth(1e6, 5.0)), 0u);
+  }
+  // Sensors whose clocks never agree do not make each other forget.
+  NavBuffer nav = MakeBuffer();
+  for (int i = 0; i < 40; ++i) {
+    nav.Insert(Attitude(100.0 + i, Quat::Identity()));
+    nav.Insert(Depth(-1e6 + i, 5.0));
+  }
+  EXPECT_TRUE(nav.At(UsFromSeconds(139.0)).Has(NavField::kAttitude));
+  EXPECT_TRUE(nav.At(UsFromSeconds(138.5)).Has(NavField::kAttitude));
 }
 
 TEST(NavBuffer, DeadReckonsACircleWithinItsCovariance) {
