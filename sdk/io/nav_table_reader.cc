@@ -1,4 +1,3 @@
-#include "rsfm/base/plausible_time.h"
 #include "rsfm/io/tables.h"
 
 #include <algorithm>
@@ -6,6 +5,7 @@
 #include <cmath>
 #include <map>
 
+#include "rsfm/base/plausible_time.h"
 #include "rsfm/io/csv.h"
 #include "rsfm/io/text.h"
 

@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "rsfm/base/resident_memory.h"
 #include "tests/mapping/soak_flight.h"
 
 int main(int argc, char** argv) {
@@ -24,7 +25,7 @@ int main(int argc, char** argv) {
         "%7d frames  %.1f %% tracked  resident %.2f MiB  heap calls %zu  step p50 %.2f ms  "
         "p99 %.2f ms  longest %.2f ms  loops %d\n",
         frame + 1, 100.0 * tracked / (frame + 1),
-        static_cast<double>(rsfm::ResidentBytesNow()) / (1 << 20), flight.heap_calls(),
+        static_cast<double>(rsfm::ResidentBytes()) / (1 << 20), flight.heap_calls(),
         steps_ms[n / 2], steps_ms[n * 99 / 100], steps_ms.back(),
         flight.mapper().loops().num_closed());
     std::fflush(stdout);

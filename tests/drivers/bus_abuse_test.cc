@@ -1,9 +1,10 @@
 // What a bus may throw at us on every channel that is listened to: nothing of it stops the good.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cmath>
-#include <cstdio>
 
+#include "rsfm/base/resident_memory.h"
 #include "rsfm/base/rng.h"
 #include "rsfm_drivers/lcm/bus.h"
 
@@ -161,16 +162,6 @@ TEST_F(BusAbuseTest, BytesTurnedAroundNeverBecomeNumbersThatAreNone) {
   EXPECT_GT(num_samples, 8000u);
 }
 
-// Pages in memory now; 0 where /proc does not say.
-long ResidentPages() {
-  long size = 0, resident = 0;
-  if (std::FILE* file = std::fopen("/proc/self/statm", "r")) {
-    if (std::fscanf(file, "%ld %ld", &size, &resident) != 2) resident = 0;
-    std::fclose(file);
-  }
-  return resident;
-}
-
 // A second of 10 kHz on each channel, by turns of rubbish, cut messages, and whole ones of another
 // type, between good messages: each good one is there, and right; and nothing grows.
 TEST_F(BusAbuseTest, AFloodBetweenGoodMessages) {
@@ -180,7 +171,7 @@ TEST_F(BusAbuseTest, AFloodBetweenGoodMessages) {
   const auto messages = OneOfEach();
   constexpr int kGood = 100, kFlood = 10'000;
   std::int64_t num_rubbish = 0;
-  [[maybe_unused]] long pages_early = 0;
+  [[maybe_unused]] std::int64_t bytes_early = 0;
   for (int i = 0; i < kGood; ++i) {
     ASSERT_TRUE(bus_->PublishRaw("RSFM_DEPTH", GoodDepth(1000 * i)));
     for (const BusInput& input : rig_.bus.inputs) {
@@ -192,10 +183,10 @@ TEST_F(BusAbuseTest, AFloodBetweenGoodMessages) {
         ASSERT_TRUE(bus_->PublishRaw(input.channel, kinds[k % 3]));
     }
     Drain();
-    if (i == kGood / 4) pages_early = ResidentPages();
+    if (i == kGood / 4) bytes_early = ResidentBytes();
   }
 #ifndef RSFM_SANITIZED
-  EXPECT_LT(ResidentPages() - pages_early, 512);
+  EXPECT_LT(ResidentBytes() - bytes_early, 512 * ::sysconf(_SC_PAGESIZE));
 #endif
   EXPECT_EQ(bus_->counters().malformed, num_rubbish);
   ASSERT_EQ(samples_.size(), static_cast<std::size_t>(kGood));

@@ -3,10 +3,8 @@
 #pragma once
 
 #include <malloc.h>
-#include <unistd.h>
 
 #include <chrono>
-#include <cstdio>
 #include <memory>
 #include <numbers>
 #include <vector>
@@ -22,15 +20,6 @@ inline std::size_t HeapBytesNow() {
   if (!MallocTrap::IsActive()) return 0;
   const struct mallinfo2 info = ::mallinfo2();
   return info.uordblks + info.hblkhd;
-}
-// Resident memory of the process; 0 where it is not known.
-inline std::int64_t ResidentBytesNow() {
-  std::FILE* file = std::fopen("/proc/self/statm", "re");
-  if (file == nullptr) return 0;
-  long long total = 0, resident = 0;
-  const int fields = std::fscanf(file, "%lld %lld", &total, &resident);
-  std::fclose(file);
-  return fields == 2 ? resident * ::sysconf(_SC_PAGESIZE) : 0;
 }
 
 class SoakFlight {

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "rsfm/base/resident_memory.h"
 #include "rsfm/io/messages.h"
 #include "tests/mapping/blob_image.h"
 #include "tests/support/malloc_trap.h"
@@ -30,7 +31,7 @@ Rig DefaultRig(Rhythm rhythm) {
 
 std::size_t PlannedBytes(const Rig& rig, const MapperFeed& feed) {
   const DaemonMemory daemon = PlanDaemon(rig);
-  return feed.memory_plan_bytes() + daemon.frame_bytes + daemon.queue_bytes;
+  return feed.memory_plan().total() + daemon.frame_bytes + daemon.queue_bytes;
 }
 
 // All that the daemon makes at its start but the threads, the bus and the files.

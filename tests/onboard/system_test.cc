@@ -14,6 +14,7 @@
 #include <fstream>
 #include <string>
 
+#include "rsfm/base/resident_memory.h"
 #include "tests/support/malloc_trap.h"
 #include "tests/support/temporary_folder.h"
 

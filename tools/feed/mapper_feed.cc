@@ -39,6 +39,13 @@ IoExpected<MapperFeed> MapperFeed::Create(const Rig& rig, const std::string& fil
   return MapperFeed(rig, *camera, std::move(*front_end), std::move(*mapper));
 }
 
+MemoryPlan MapperFeed::memory_plan() const {
+  MemoryPlan plan = mapper_->memory_plan();
+  plan.items.TryPushBack({"front end", front_end_->bytes()});
+  plan.items.TryPushBack({"images' checks and forecasts", gate_.bytes() + predictor_.bytes()});
+  return plan;
+}
+
 void MapperFeed::AddNav(const NavSample& sample) noexcept {
   mapper_->nav().buffer().Insert(sample);
   gate_.SeeTime(sample.utime);

@@ -50,10 +50,7 @@ class MapperFeed {
   const StepReport& last() const { return last_; }  // of the last image that was taken
   double front_end_s() const { return front_end_s_; }
   double mapper_s() const { return mapper_s_; }
-  std::size_t memory_plan_bytes() const {
-    return mapper_->memory_plan().total() + front_end_->bytes() + gate_.bytes() +
-           predictor_.bytes();
-  }
+  MemoryPlan memory_plan() const;
 
  private:
   MapperFeed(const Rig& rig, const AnyCamera& camera, std::unique_ptr<FrontEnd> front_end,

@@ -148,7 +148,7 @@ MapResult Feed::Summary() const {
   result.mean_error_px = last.window_error_px;
   result.front_end_s = feed_->front_end_s();
   result.mapper_s = feed_->mapper_s();
-  result.memory_plan_bytes = feed_->memory_plan_bytes();
+  result.memory_plan_bytes = feed_->memory_plan().total();
   return result;
 }
 

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "rsfm/base/resident_memory.h"
+
 namespace rsfm {
 namespace {
 

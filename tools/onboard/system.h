@@ -44,7 +44,6 @@ std::string SetUpThread(const char* name, int priority = 0, int cpu = -1);
 // refuses, and what to do about it, for a person; empty: nothing.
 std::string LockMemory();
 
-std::int64_t ResidentBytes();                              // 0: not known
 std::int64_t FreeDiskBytes(const std::filesystem::path&);  // -1: not known
 
 // The latencies of the last minute.

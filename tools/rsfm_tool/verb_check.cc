@@ -10,15 +10,12 @@
 #include "rsfm/io/atomic_output.h"
 #include "rsfm/io/rig.h"
 #include "rsfm/io/text.h"
-#include "rsfm/mapping/frame_gate.h"
-#include "rsfm/mapping/front_end.h"
-#include "rsfm/mapping/incremental_mapper.h"
-#include "rsfm/mapping/track_predictor.h"
 #include "rsfm/refraction/any_camera.h"
 #include "rsfm/refraction/best_fit.h"
 #include "tools/check/heat_map.h"
 #include "tools/check/transect.h"
 #include "tools/common/exit.h"
+#include "tools/feed/mapper_feed.h"
 #include "tools/onboard/memory_plan.h"
 
 namespace rsfm {
@@ -191,23 +188,8 @@ int PrintRefraction(const AnyCamera& camera, const RangeBand& band, const CheckO
 
 // What the on-board mapper takes from the heap when it is made; it takes nothing later, OpenCV's
 // buffers excepted.
-int PrintMemory(const Rig& rig, const AnyCamera& camera, const std::string& file) {
-  const auto mapper = IncrementalMapper::Create(rig.mapper, camera, rig.body_from_camera);
-  if (!mapper) {
-    return Report({mapper.error().code, file, std::string("mapper.") + mapper.error().where,
-                   "is not possible", "correct it in the rig file"});
-  }
-  const auto front_end = FrontEnd::Create(rig.mapper, camera.width(), camera.height());
-  if (!front_end) {
-    return Report({front_end.error().code, file, std::string("mapper.") + front_end.error().where,
-                   "is not possible", "correct it in the rig file"});
-  }
+void PrintMemory(const Rig& rig, const MemoryPlan& plan) {
   constexpr double kMebi = 1024.0 * 1024.0;
-  MemoryPlan plan = (*mapper)->memory_plan();
-  plan.items.TryPushBack({"front end", (*front_end)->bytes()});
-  const FrameGate gate(camera.width(), camera.height());
-  const TrackPredictor predictor(rig.mapper.rhythm == Rhythm::kVideo ? rig.mapper.max_features : 0);
-  plan.items.TryPushBack({"images' checks and forecasts", gate.bytes() + predictor.bytes()});
   std::printf("mapper memory %.1f MiB, taken at the start:\n",
               static_cast<double>(plan.total()) / kMebi);
   for (const MemoryPlan::Item& item : plan.items) {
@@ -221,7 +203,6 @@ int PrintMemory(const Rig& rig, const AnyCamera& camera, const std::string& file
       static_cast<double>(daemon.frame_bytes + daemon.queue_bytes) / kMebi,
       static_cast<double>(daemon.frame_bytes) / kMebi,
       static_cast<double>(daemon.queue_bytes) / kMebi, kLibrariesMiB);
-  return 0;
 }
 
 }  // namespace
@@ -247,19 +228,17 @@ int RunCheck(const CheckOptions& options) {
   const auto rig = ReadRig(options.rig, &problems);
   for (const Diagnostic& problem : problems) Report(problem);
   if (!rig) return ExitCode(rig.error());
-  const auto camera = AnyCamera::Create(rig->camera);
-  if (!camera) {
-    return Report({camera.error().code, options.rig, camera.error().where, "is not possible",
-                   "correct it in the camera file"});
-  }
+  const auto feed = MapperFeed::Create(*rig, options.rig);
+  if (!feed) return Report(feed.error());
+  const AnyCamera& camera = feed->camera();
   std::printf("%s is a good rig file\n", options.rig.c_str());
-  PrintCamera(*camera);
+  PrintCamera(camera);
   PrintPort(rig->camera.port);
-  if (options.range.empty()) PrintBestFit(*camera);
+  if (options.range.empty()) PrintBestFit(camera);
   if (!options.range.empty()) {
-    if (const int code = PrintRefraction(*camera, band, options); code != 0) return code;
+    if (const int code = PrintRefraction(camera, band, options); code != 0) return code;
   }
-  if (const int code = PrintMemory(*rig, *camera, options.rig); code != 0) return code;
+  PrintMemory(*rig, feed->memory_plan());
   return FinishStdout();
 }
 
