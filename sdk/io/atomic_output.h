@@ -3,6 +3,7 @@
 // killed process left behind is removed by the next writer of the same output.
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <string>
 #include <string_view>
@@ -68,8 +69,12 @@ class AtomicFolder {
   std::filesystem::path aside_;
 };
 
-// Whole file into memory. `max_bytes` guards against being pointed at a disk image.
+// Whole file into memory. `max_bytes` guards against being pointed at a disk image: 4 GiB, or what
+// 32 bits can have.
+inline constexpr std::size_t kMaxFileBytes = sizeof(std::size_t) > 4
+                                                 ? static_cast<std::size_t>(std::uint64_t{1} << 32)
+                                                 : SIZE_MAX / 4;
 IoExpected<std::string> ReadWholeFile(const std::filesystem::path& path,
-                                      std::size_t max_bytes = std::size_t{1} << 32);
+                                      std::size_t max_bytes = kMaxFileBytes);
 
 }  // namespace rsfm

@@ -44,6 +44,13 @@ class BinaryReader {
   bool CanHold(std::uint64_t count, std::size_t element_bytes) const {
     return is_good_ && count <= (bytes_.size() - offset_) / element_bytes;
   }
+  // A 64-bit count of elements of at least that size; false where so many cannot follow.
+  bool ReadCount(std::size_t element_bytes, std::size_t* count) {
+    std::uint64_t read = 0;
+    if (!Read(&read) || !CanHold(read, element_bytes)) return is_good_ = false;
+    *count = static_cast<std::size_t>(read);
+    return true;
+  }
   bool is_good() const { return is_good_; }
   bool AtEnd() const { return offset_ == bytes_.size(); }
   std::size_t offset() const { return offset_; }

@@ -17,16 +17,16 @@ tl::unexpected<Diagnostic> Corrupt(const std::string& name, const BinaryReader& 
                problem + ", at byte " + std::to_string(reader.offset()), "write the model again"});
 }
 
-std::string Which(const char* kind, std::uint64_t index, std::uint64_t count) {
+std::string Which(const char* kind, std::size_t index, std::size_t count) {
   return kind + std::to_string(index + 1) + " of " + std::to_string(count);
 }
 
 bool ReadFeatures(BinaryReader* reader, ColmapImage* image) {
-  std::uint64_t count = 0;
-  if (!reader->Read(&count) || !reader->CanHold(count, kFeatureBytes)) return false;
+  std::size_t count = 0;
+  if (!reader->ReadCount(kFeatureBytes, &count)) return false;
   image->image.features.resize(count);
   image->point_ids.resize(count);
-  for (std::uint64_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < count; ++i) {
     Vec2& feature = image->image.features[i];
     if (!reader->Read(&feature.x()) || !reader->Read(&feature.y()) ||
         !reader->Read(&image->point_ids[i]) || !feature.allFinite()) {
@@ -37,8 +37,8 @@ bool ReadFeatures(BinaryReader* reader, ColmapImage* image) {
 }
 
 bool ReadTrack(BinaryReader* reader, ColmapPoint* point) {
-  std::uint64_t count = 0;
-  if (!reader->Read(&count) || !reader->CanHold(count, kTrackElementBytes)) return false;
+  std::size_t count = 0;
+  if (!reader->ReadCount(kTrackElementBytes, &count)) return false;
   point->track.resize(count);
   for (auto& [image_id, feature] : point->track) {
     if (!reader->Read(&image_id) || !reader->Read(&feature)) return false;
@@ -51,12 +51,12 @@ bool ReadTrack(BinaryReader* reader, ColmapPoint* point) {
 IoExpected<std::vector<ColmapImage>> ParseColmapImagesBinary(const std::string& bytes,
                                                              const std::string& name) {
   BinaryReader reader(bytes);
-  std::uint64_t count = 0;
-  if (!reader.Read(&count) || !reader.CanHold(count, kLeastImageBytes)) {
+  std::size_t count = 0;
+  if (!reader.ReadCount(kLeastImageBytes, &count)) {
     return Corrupt(name, reader, "", "is cut off or not an images.bin");
   }
   std::vector<ColmapImage> images(count);
-  for (std::uint64_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < count; ++i) {
     ColmapImage& image = images[i];
     double pose[7] = {};
     reader.Read(&image.image.id);
@@ -76,12 +76,12 @@ IoExpected<std::vector<ColmapImage>> ParseColmapImagesBinary(const std::string& 
 IoExpected<std::vector<ColmapPoint>> ParseColmapPointsBinary(const std::string& bytes,
                                                              const std::string& name) {
   BinaryReader reader(bytes);
-  std::uint64_t count = 0;
-  if (!reader.Read(&count) || !reader.CanHold(count, kLeastPointBytes)) {
+  std::size_t count = 0;
+  if (!reader.ReadCount(kLeastPointBytes, &count)) {
     return Corrupt(name, reader, "", "is cut off or not a points3D.bin");
   }
   std::vector<ColmapPoint> points(count);
-  for (std::uint64_t i = 0; i < count; ++i) {
+  for (std::size_t i = 0; i < count; ++i) {
     ColmapPoint& point = points[i];
     reader.Read(&point.point.id);
     for (int k = 0; k < 3; ++k) reader.Read(&point.point.xyz[k]);
