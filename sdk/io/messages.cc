@@ -53,6 +53,11 @@ struct Layout<keyframe_t> {
                                         Step{Part::kArray, 1}};
 };
 template <>
+struct Layout<keyframe_poses_t> {
+  static constexpr std::array kSteps = {Step{Part::kBytes, kHead}, Step{Part::kCount},
+                                        Step{Part::kArray, 4 + 7 * 8}};
+};
+template <>
 struct Layout<landmarks_t> {
   static constexpr std::array kSteps = {Step{Part::kBytes, kHead}, Step{Part::kCount},
                                         Step{Part::kArray, 4 + 3 * 8 + 3}};
@@ -105,6 +110,12 @@ bool HasConsistentCounts(const keyframe_t& m) {
          static_cast<std::int64_t>(m.num_features) * m.descriptor_bytes == m.num_descriptor_bytes &&
          m.descriptors.size() == static_cast<std::size_t>(m.num_descriptor_bytes);
 }
+bool HasConsistentCounts(const keyframe_poses_t& m) {
+  const auto n = static_cast<std::size_t>(m.num);
+  return m.num >= 0 && m.id.size() == n && m.qw.size() == n && m.qx.size() == n &&
+         m.qy.size() == n && m.qz.size() == n && m.tx.size() == n && m.ty.size() == n &&
+         m.tz.size() == n;
+}
 bool HasConsistentCounts(const landmarks_t& m) {
   const auto n = static_cast<std::size_t>(m.num);
   return m.num >= 0 && m.id.size() == n && m.x.size() == n && m.y.size() == n && m.z.size() == n &&
@@ -145,6 +156,7 @@ RSFM_INSTANTIATE(ctd_t);
 RSFM_INSTANTIATE(depth_t);
 RSFM_INSTANTIATE(dvl_t);
 RSFM_INSTANTIATE(fix_t);
+RSFM_INSTANTIATE(keyframe_poses_t);
 RSFM_INSTANTIATE(keyframe_t);
 RSFM_INSTANTIATE(landmarks_t);
 RSFM_INSTANTIATE(nav_t);

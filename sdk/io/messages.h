@@ -14,6 +14,7 @@
 #include "rsfm/depth_t.hpp"
 #include "rsfm/dvl_t.hpp"
 #include "rsfm/fix_t.hpp"
+#include "rsfm/keyframe_poses_t.hpp"
 #include "rsfm/keyframe_t.hpp"
 #include "rsfm/landmarks_t.hpp"
 #include "rsfm/nav_t.hpp"

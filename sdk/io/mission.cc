@@ -12,6 +12,17 @@ namespace {
 
 namespace fs = std::filesystem;
 
+// False where it has none.
+bool PoseOf(const keyframe_t& keyframe, Rigid3* camera_from_world) {
+  const double* q = keyframe.camera_from_world_q;
+  const Quat rotation(q[0], q[1], q[2], q[3]);
+  const Vec3 translation(keyframe.camera_from_world_t[0], keyframe.camera_from_world_t[1],
+                         keyframe.camera_from_world_t[2]);
+  if (!(std::abs(rotation.norm() - 1.0) < 1e-6) || !translation.allFinite()) return false;
+  *camera_from_world = Rigid3(rotation, translation);
+  return true;
+}
+
 // Sorts the events of a log into a mission.
 class MissionBuilder {
  public:
@@ -28,6 +39,8 @@ class MissionBuilder {
       Append(event, &mission_->waters);
     } else if (event.channel == bus.keyframe_channel) {
       AddKeyframe(event);
+    } else if (event.channel == bus.keyframe_poses_channel) {
+      AddKeyframePoses(event);
     } else if (event.channel == bus.landmarks_channel) {
       AddLandmarks(event);
     } else {
@@ -73,7 +86,45 @@ class MissionBuilder {
       keyframe.num_descriptor_bytes = stored.num_descriptor_bytes;
       keyframe.descriptors = std::move(stored.descriptors);
     }
+    for (const std::int32_t landmark : stored.landmark_id) {
+      if (landmark >= 0) std::erase(seen_by_[landmark], stored.id);
+    }
     stored = std::move(keyframe);
+    for (const std::int32_t landmark : stored.landmark_id) {
+      if (landmark >= 0) seen_by_[landmark].push_back(stored.id);
+    }
+  }
+
+  // What a loop has moved, and the landmarks that no later keyframe has seen with it.
+  void AddKeyframePoses(const LogEvent& event) {
+    keyframe_poses_t message;
+    if (!Decode(event.data, &message)) {
+      ++mission_->num_malformed;
+      return;
+    }
+    for (std::size_t i = 0; i < message.id.size(); ++i) {
+      const auto at = keyframes_.find(message.id[i]);
+      Rigid3 old_from_world;
+      if (at == keyframes_.end() || !PoseOf(at->second, &old_from_world)) continue;
+      keyframe_t moved;  // its pose alone
+      const double q[] = {message.qw[i], message.qx[i], message.qy[i], message.qz[i]};
+      const double t[] = {message.tx[i], message.ty[i], message.tz[i]};
+      std::copy_n(q, 4, moved.camera_from_world_q);
+      std::copy_n(t, 3, moved.camera_from_world_t);
+      Rigid3 new_from_world;
+      if (!PoseOf(moved, &new_from_world)) continue;
+      std::copy_n(q, 4, at->second.camera_from_world_q);
+      std::copy_n(t, 3, at->second.camera_from_world_t);
+      const Rigid3 new_world_from_world = new_from_world.Inverse() * old_from_world;
+      for (const std::int32_t id : at->second.landmark_id) {
+        if (id < 0) continue;
+        const std::vector<std::int32_t>& seen_by = seen_by_[id];
+        if (*std::max_element(seen_by.begin(), seen_by.end()) != message.id[i]) continue;
+        const auto landmark = mission_->landmarks.find(id);
+        if (landmark == mission_->landmarks.end()) continue;
+        landmark->second.xyz = new_world_from_world * landmark->second.xyz;
+      }
+    }
   }
 
   void AddLandmarks(const LogEvent& event) {
@@ -111,17 +162,8 @@ class MissionBuilder {
   MissionReadOptions options_;
   NavConverter converter_;
   std::map<std::int32_t, keyframe_t> keyframes_;
+  std::unordered_map<std::int32_t, std::vector<std::int32_t>> seen_by_;  // keyframes of a landmark
 };
-
-bool SetPose(const keyframe_t& keyframe, Rigid3* camera_from_world) {
-  const double* q = keyframe.camera_from_world_q;
-  const Quat rotation(q[0], q[1], q[2], q[3]);
-  const Vec3 translation(keyframe.camera_from_world_t[0], keyframe.camera_from_world_t[1],
-                         keyframe.camera_from_world_t[2]);
-  if (!(std::abs(rotation.norm() - 1.0) < 1e-6) || !translation.allFinite()) return false;
-  *camera_from_world = Rigid3(rotation, translation);
-  return true;
-}
 
 }  // namespace
 
@@ -210,7 +252,7 @@ Model ModelFromMission(const Mission& mission) {
   std::unordered_map<std::int32_t, std::int32_t> point_of_landmark;
   for (const keyframe_t& keyframe : mission.keyframes) {
     ModelImage image;
-    if (!SetPose(keyframe, &image.camera_from_world)) continue;
+    if (!PoseOf(keyframe, &image.camera_from_world)) continue;
     image.name =
         keyframe.image.empty() ? "keyframe_" + std::to_string(keyframe.id) : keyframe.image;
     image.utime = keyframe.utime;

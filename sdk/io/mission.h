@@ -80,7 +80,7 @@ struct Mission {
   std::vector<ImageTime> images;      // in the order of images.csv; empty where there is none
   std::vector<NavSample> nav;         // sorted by utime, lever arms removed
   std::vector<pose_t> poses;          // in the order of the log
-  std::vector<keyframe_t> keyframes;  // one per id: the last word on each, sorted by id
+  std::vector<keyframe_t> keyframes;  // sorted by id; the last word on each, loops included
   std::map<std::int32_t, MissionLandmark> landmarks;  // the last word on each
   std::vector<status_t> statuses;
   std::vector<water_t>

@@ -74,6 +74,7 @@ struct BusOptions {
   std::string pose_channel = "RSFM_POSE";
   std::string status_channel = "RSFM_STATUS";
   std::string keyframe_channel = "RSFM_KEYFRAME";
+  std::string keyframe_poses_channel = "RSFM_KEYFRAME_POSES";
   std::string landmarks_channel = "RSFM_LANDMARKS";
   std::string water_channel = "RSFM_WATER";
 };

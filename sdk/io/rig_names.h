@@ -27,6 +27,7 @@ void ForEachOutputChannel(Bus& bus, F&& f) {
   f("pose_channel", bus.pose_channel);
   f("status_channel", bus.status_channel);
   f("keyframe_channel", bus.keyframe_channel);
+  f("keyframe_poses_channel", bus.keyframe_poses_channel);
   f("landmarks_channel", bus.landmarks_channel);
   f("water_channel", bus.water_channel);
 }

@@ -91,6 +91,11 @@ class IncrementalMapper {
   const WindowAdjuster& adjuster() const { return adjuster_; }
   // The way since the world began, and the loops in it.
   const LoopCloser& loops() const { return loops_; }
+  // Keyframes that loops have moved since they were told of, see LoopCloser::TellMoved.
+  template <class F>
+  void TellMoved(int budget, F&& f) noexcept {
+    loops_.TellMoved(budget, f);
+  }
   MapperState state() const { return report_.state; }
   // After Step: the water that this frame was seen through.
   const WaterInUse& water() const { return water_; }

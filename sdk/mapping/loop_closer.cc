@@ -65,6 +65,12 @@ void LoopCloser::Clear() noexcept {
   places_.Clear();
   spacing_m_ = 0.0;
   anchored_.clear();
+  has_moved_ = false;
+}
+
+bool LoopCloser::IsFarFrom(const Rigid3& pose, const Rigid3& told) noexcept {
+  return (pose.translation - told.translation).squaredNorm() > kToldShift_m * kToldShift_m ||
+         pose.rotation.angularDistance(told.rotation) > kToldTurn_rad;
 }
 
 // As the odometry has it by experience, or as the pose's own covariance grows where that is more:
@@ -166,6 +172,9 @@ bool LoopCloser::Close(const PoseGraph::Loop& loop) noexcept {
   const bool is_closed = graph_.Close(loop).has_value();
   num_refused_ += !is_closed;
   num_closed_ += is_closed;
+  // The newest is told by whoever publishes the keyframe that has left the window.
+  if (is_closed) known_.back().told = graph_.world_from_camera(graph_.size() - 1);
+  has_moved_ |= is_closed;
   return is_closed;
 }
 
@@ -182,7 +191,7 @@ void LoopCloser::AddNode(const Keyframe& keyframe) noexcept {
     variance = variance.cwiseMax(anchored.variance);
   }
   graph_.AddNode(world_from_camera, variance, as_linked);
-  known_.TryPushBack({keyframe.id, world_from_camera});
+  known_.TryPushBack({keyframe.id, world_from_camera, world_from_camera});
 }
 
 bool LoopCloser::Add(const Map& map, SlotId id, bool is_ned) noexcept {

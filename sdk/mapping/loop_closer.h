@@ -54,6 +54,22 @@ class LoopCloser {
   // By the last loop: new_world_from_world of that keyframe, of the newest one where it is unknown.
   Rigid3 Correction(std::int32_t keyframe_id) const noexcept;
 
+  // What loops have moved by more than kToldShift_m or kToldTurn_rad since it was told last (or
+  // since its keyframe left the window), newest first and at most `budget` of them:
+  // f(keyframe_id, camera_from_world).
+  template <class F>
+  void TellMoved(int budget, F&& f) noexcept {
+    if (!has_moved_) return;
+    for (std::size_t i = known_.size(); i-- > 0;) {
+      const Rigid3& pose = graph_.world_from_camera(static_cast<int>(i));
+      if (!IsFarFrom(pose, known_[i].told)) continue;
+      if (budget-- <= 0) return;
+      known_[i].told = pose;
+      f(known_[i].keyframe_id, pose.Inverse());
+    }
+    has_moved_ = false;
+  }
+
   int num_closed() const { return num_closed_; }
   int num_places() const { return static_cast<int>(places_.places().size()); }
   int num_refused() const { return num_refused_; }  // matches that contradict the way
@@ -66,7 +82,10 @@ class LoopCloser {
   struct Known {  // of a node
     std::int32_t keyframe_id = -1;
     Rigid3 world_from_camera;  // before the last loop
+    Rigid3 told;               // world_from_camera that the others know
   };
+  static constexpr double kToldShift_m = 0.005, kToldTurn_rad = 1e-3;
+  static bool IsFarFrom(const Rigid3& pose, const Rigid3& told) noexcept;
 
   Vec6 LinkVariance(const Keyframe& keyframe, const Rigid3& world_from_camera) noexcept;
   struct Anchored {
@@ -103,6 +122,7 @@ class LoopCloser {
   double spacing_m_ = 0.0;               // between places
   Mat6 last_covariance_ = Mat6::Zero();  // of the newest node, along the world's axes
   bool is_ned_ = false;
+  bool has_moved_ = false;  // and not all of it is told
   int num_closed_ = 0, num_refused_ = 0;
 };
 

@@ -36,7 +36,7 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
   using namespace rsfm;
   if (size == 0) return 0;
   const std::span<const std::uint8_t> data(bytes + 1, size - 1);
-  switch (bytes[0] % 20) {
+  switch (bytes[0] % 21) {
     case 0:
       ConvertAs(InputType::kNav, Convention::kRsfm, data);
       break;
@@ -75,6 +75,9 @@ int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
       break;
     case 12:
       RoundTrip<dvl_t>(data);
+      break;
+    case 20:
+      RoundTrip<keyframe_poses_t>(data);
       break;
     case 14:
       RoundTrip<water_t>(data);

@@ -47,6 +47,15 @@ dvl_t Sample<dvl_t>() {
   return m;
 }
 template <>
+keyframe_poses_t Sample<keyframe_poses_t>() {
+  keyframe_poses_t m = {};
+  m.num = 1;
+  m.id = {3};
+  m.qw = m.qx = m.qy = m.qz = {0.5};
+  m.tx = m.ty = m.tz = {1.0};
+  return m;
+}
+template <>
 landmarks_t Sample<landmarks_t>() {
   landmarks_t m = {};
   m.num = 1;
@@ -72,9 +81,9 @@ status_t Sample<status_t>() {
 
 template <class Message>
 class MessageTest : public ::testing::Test {};
-using Messages =
-    ::testing::Types<acfrlcm::auv_acfr_nav_t, ahrs_t, bot_core::pose_t, ctd_t, depth_t, dvl_t,
-                     fix_t, keyframe_t, landmarks_t, nav_t, pose_t, status_t, water_t>;
+using Messages = ::testing::Types<acfrlcm::auv_acfr_nav_t, ahrs_t, bot_core::pose_t, ctd_t, depth_t,
+                                  dvl_t, fix_t, keyframe_poses_t, keyframe_t, landmarks_t, nav_t,
+                                  pose_t, status_t, water_t>;
 TYPED_TEST_SUITE(MessageTest, Messages);
 
 TYPED_TEST(MessageTest, DecodeInvertsEncode) {

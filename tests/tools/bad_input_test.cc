@@ -231,7 +231,7 @@ TEST_F(BadInputTest, CheckListsTheMappersMemory) {
     EXPECT_EQ(rest, " MiB, taken at the start:");
     for (const char* name :
          {"keyframes", "landmarks", "matching and placing", "two views", "triangulation",
-          "window adjustment", "places and loops", "navigation"}) {
+          "window adjustment", "places and loops", "navigation", "front end"}) {
       lines >> part >> unit;
       std::getline(lines, rest);
       EXPECT_EQ(unit, "MiB");
@@ -246,7 +246,7 @@ TEST_F(BadInputTest, CheckListsTheMappersMemory) {
   const double small = total(Path("rig.yaml"), &small_sum);
   const double large = total(
       Write("large.yaml", Replaced(kRig, "max_keyframes: 8", "max_keyframes: 64")), &large_sum);
-  EXPECT_NEAR(small, small_sum, 0.1);  // rounded to hundredths and tenths
+  EXPECT_NEAR(small, small_sum, 0.1);  // rounded to tenths, and hundredths
   EXPECT_NEAR(large, large_sum, 0.1);
   EXPECT_GT(large, small + 1.0);  // 56 keyframes more, of 200 features and SIFT descriptors each
   // 300 places fewer, of 160 points and SIFT descriptors each, and 19,000 poses of the way.

@@ -18,6 +18,11 @@ void CopyQuat(const Quat& q, double* wxyz) {
   wxyz[3] = q.z();
 }
 
+std::array<std::vector<double>*, 7> MovedArrays(keyframe_poses_t* message) {
+  return {&message->qw, &message->qx, &message->qy, &message->qz,
+          &message->tx, &message->ty, &message->tz};
+}
+
 }  // namespace
 
 IoStatus DirectSink::Take(Audience audience, const std::string& channel, Utime utime,
@@ -28,7 +33,10 @@ IoStatus DirectSink::Take(Audience audience, const std::string& channel, Utime u
 
 MissionPublisher::MissionPublisher(const Rig& rig, MessageSink* sink,
                                    const PublisherOptions& options)
-    : rig_(rig), sink_(sink), options_(options) {
+    : rig_(rig),
+      sink_(sink),
+      options_(options),
+      moved_per_image_(std::max(kMovedPerImage, rig.mapper.max_keyframes)) {
   const auto features = static_cast<std::size_t>(rig.mapper.max_features);
   const auto landmarks = static_cast<std::size_t>(rig.mapper.max_landmarks);
   const auto keyframes = static_cast<std::size_t>(rig.mapper.max_keyframes);
@@ -43,8 +51,11 @@ MissionPublisher::MissionPublisher(const Rig& rig, MessageSink* sink,
     values->reserve(landmarks);
   for (std::vector<std::uint8_t>* values : {&landmarks_.r, &landmarks_.g, &landmarks_.b})
     values->reserve(landmarks);
+  const auto moved = static_cast<std::size_t>(moved_per_image_);
+  moved_.id.reserve(moved);
+  for (std::vector<double>* values : MovedArrays(&moved_)) values->reserve(moved);
   constexpr std::size_t kHead = 1024;  // all that is not in arrays
-  encoded_.reserve(kHead + std::max(16 * features + descriptors, 31 * landmarks));
+  encoded_.reserve(kHead + std::max({16 * features + descriptors, 31 * landmarks, 60 * moved}));
   keyframe_.image.reserve(kMaxImageName);
   image_of_keyframe_.resize(keyframes);
   for (std::string& name : image_of_keyframe_) name.reserve(kMaxImageName);
@@ -155,6 +166,29 @@ IoStatus MissionPublisher::PublishKeyframe(const Map& map, SlotId id, bool with_
   return Publish(rig_.bus.keyframe_channel, utime, message);
 }
 
+IoStatus MissionPublisher::PublishMoved(Utime utime, IncrementalMapper* mapper, bool* has_moved) {
+  keyframe_poses_t& message = moved_;
+  message.utime = utime;
+  message.id.clear();
+  for (std::vector<double>* values : MovedArrays(&message)) values->clear();
+  mapper->TellMoved(moved_per_image_, [&](std::int32_t id, const Rigid3& camera_from_world) {
+    const Quat& q = camera_from_world.rotation;
+    const Vec3& t = camera_from_world.translation;
+    message.id.push_back(id);
+    message.qw.push_back(q.w());
+    message.qx.push_back(q.x());
+    message.qy.push_back(q.y());
+    message.qz.push_back(q.z());
+    message.tx.push_back(t.x());
+    message.ty.push_back(t.y());
+    message.tz.push_back(t.z());
+  });
+  message.num = static_cast<std::int32_t>(message.id.size());
+  *has_moved = message.num > 0;
+  if (!*has_moved) return {};
+  return Publish(rig_.bus.keyframe_poses_channel, utime, message);
+}
+
 IoStatus MissionPublisher::PublishLandmarks(Utime utime, Map* map) {
   landmarks_t& message = landmarks_;
   message.utime = utime;
@@ -252,9 +286,15 @@ IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
                                        IncrementalMapper* mapper) {
   if (auto s = PublishWater(utime, mapper->water()); !s) return s;
   if (auto s = PublishPose(utime, report); !s) return s;
+  // Keyframes of the map are the newest, told first; then the landmarks that moved with them: so
+  // what a reader moves with a keyframe and what is published moved are never the same landmark.
+  bool has_moved = false;
+  if (auto s = PublishMoved(utime, mapper, &has_moved); !s) return s;
+  if (report.keyframe.valid() || has_moved) {
+    if (auto s = PublishLandmarks(utime, &mapper->map()); !s) return s;
+  }
   if (report.keyframe.valid()) {
     image_of_keyframe_[report.keyframe.index].assign(image);
-    if (auto s = PublishLandmarks(utime, &mapper->map()); !s) return s;
     if (auto s = PublishKeyframe(mapper->map(), report.keyframe, true, report.state, utime); !s)
       return s;
   }
@@ -273,6 +313,9 @@ IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
 
 IoStatus MissionPublisher::PublishEnd(Utime utime, const StepReport& report,
                                       const FeedCounters& counters, IncrementalMapper* mapper) {
+  for (bool has_moved = true; has_moved;) {
+    if (auto s = PublishMoved(utime, mapper, &has_moved); !s) return s;
+  }
   if (auto s = PublishLandmarks(utime, &mapper->map()); !s) return s;
   for (const SlotId id : mapper->map().keyframes()) {
     // Those that left the window have had their last word, while their landmarks were all there.

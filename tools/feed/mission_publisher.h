@@ -47,6 +47,8 @@ struct PublisherOptions {
 class MissionPublisher {
  public:
   static constexpr std::size_t kMaxImageName = 63;
+  // Keyframes that a loop has moved, 60 bytes each; never less than the map has.
+  static constexpr int kMovedPerImage = 200;
 
   MissionPublisher(const Rig& rig, MessageSink* sink, const PublisherOptions& options = {});
 
@@ -54,11 +56,13 @@ class MissionPublisher {
   void SetOrigin(const Geodetic& origin) { rig_.world.origin = origin; }
   IoStatus PublishNav(const NavSample& sample);
   // The frame's pose; a keyframe where it became one, again without descriptors where one left the
-  // window or was placed late; the water's index at the start and when it has changed; landmarks
-  // that are new or have moved; the status once a second.
+  // window or was placed late; where those are that a loop has moved, kMovedPerImage of them; the
+  // water's index at the start and when it has changed; landmarks that are new or have moved; the
+  // status once a second.
   IoStatus PublishStep(const std::string& image, Utime utime, const StepReport& report,
                        const FeedCounters& counters, IncrementalMapper* mapper);
-  // The last word on every keyframe still in the window, every landmark that has moved, a status.
+  // The last word on every keyframe that a loop has moved or that is still in the window, every
+  // landmark that has moved, a status.
   IoStatus PublishEnd(Utime utime, const StepReport& report, const FeedCounters& counters,
                       IncrementalMapper* mapper);
   // What feed and mapper know of a status; the rest is 0, and disk_free_bytes -1.
@@ -73,6 +77,8 @@ class MissionPublisher {
   IoStatus PublishPose(Utime utime, const StepReport& report);
   IoStatus PublishKeyframe(const Map& map, SlotId id, bool with_descriptors, MapperState state,
                            Utime utime);
+  // `has_moved`: at least one was published.
+  IoStatus PublishMoved(Utime utime, IncrementalMapper* mapper, bool* has_moved);
   IoStatus PublishLandmarks(Utime utime, Map* map);
   IoStatus PublishStatus(Utime utime, const StepReport& report, const FeedCounters& counters,
                          const IncrementalMapper& mapper);
@@ -84,6 +90,8 @@ class MissionPublisher {
   std::vector<std::uint8_t> encoded_;
   pose_t pose_{};
   keyframe_t keyframe_{};
+  int moved_per_image_;
+  keyframe_poses_t moved_{};
   landmarks_t landmarks_{};
   std::vector<std::string> image_of_keyframe_;  // by the map's slot
   std::int32_t last_left_window_ = -1;

@@ -77,8 +77,9 @@ class ComparingSink final : public MessageSink {
       const auto has = log_.Next(&event_);
       if (!has || !*has) return has;
       last_ = event_.number;
-      for (const std::string* channel : {&bus_.pose_channel, &bus_.keyframe_channel,
-                                         &bus_.landmarks_channel, &bus_.water_channel})
+      for (const std::string* channel :
+           {&bus_.pose_channel, &bus_.keyframe_channel, &bus_.keyframe_poses_channel,
+            &bus_.landmarks_channel, &bus_.water_channel})
         if (event_.channel == *channel) return true;
     }
   }
