@@ -109,6 +109,26 @@ TEST(SimulateTest, BytesDoNotDependOnTheNumberOfThreads) {
   }
 }
 
+// The same survey with other noise, for images that have been rendered.
+TEST(SimulateTest, NavigationAloneIsThatOfTheWholeMission) {
+  const TemporaryFolder folder;
+  Scenario scenario = SmallScenario();
+  ASSERT_TRUE(Simulate(scenario, folder.path() / "whole", {}));
+  scenario.images.render = false;
+  ASSERT_TRUE(Simulate(scenario, folder.path() / "alone", {}));
+  scenario.navigation.seed = 4;
+  ASSERT_TRUE(Simulate(scenario, folder.path() / "other", {}));
+  auto whole = FilesIn(folder.path() / "whole");
+  const auto alone = FilesIn(folder.path() / "alone");
+  auto other = FilesIn(folder.path() / "other");
+  std::erase_if(whole, [](const auto& file) {
+    return file.first.starts_with("images/") || file.first.starts_with("ground_truth/range/");
+  });
+  EXPECT_TRUE(alone == whole);
+  EXPECT_NE(other["nav.csv"], whole["nav.csv"]);
+  EXPECT_EQ(other["ground_truth/trajectory.tum"], whole["ground_truth/trajectory.tum"]);
+}
+
 TEST(SimulateTest, AnInterruptedRunLeavesNothing) {
   const TemporaryFolder folder;
   SimulationHooks hooks;

@@ -25,6 +25,10 @@ CLI::App* DeclareSimulate(CLI::App& app, SimulateOptions* options) {
       ->excludes(mesh);
   verb->add_option("--threads", options->threads, "Threads to render with; default: all cores")
       ->check(CLI::Range(1, 1024));
+  verb->add_option("--nav-seed", options->nav_seed,
+                   "Seed of the navigation sensors' noise; default: the scenario's");
+  verb->add_flag("--no-images", options->no_images,
+                 "Navigation and ground truth alone, for images that are there already");
   return verb;
 }
 
@@ -49,6 +53,9 @@ int RunSimulate(const SimulateOptions& options) {
     scenario->dem = options.dem;
   }
 
+  if (options.nav_seed > 0) scenario->navigation.seed = options.nav_seed;
+  scenario->images.render = !options.no_images;
+
   simulator::SimulationHooks hooks;
   hooks.num_threads = options.threads > 0
                           ? options.threads
@@ -71,9 +78,11 @@ int RunSimulate(const SimulateOptions& options) {
     return ReportInterrupted();
   }
   if (progress) progress->Finish();
-  std::printf("%s: %d images over %.1f m, %d navigation samples; %.1f images/s\n",
-              options.out.c_str(), report->num_images, report->path_length_m,
-              report->num_nav_samples, report->num_images / std::max(report->rendering_s, 1e-6));
+  std::printf("%s: %d images over %.1f m, %d navigation samples", options.out.c_str(),
+              report->num_images, report->path_length_m, report->num_nav_samples);
+  options.no_images
+      ? std::printf("; not rendered\n")
+      : std::printf("; %.1f images/s\n", report->num_images / std::max(report->rendering_s, 1e-6));
   return FinishStdout();
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <string>
 
 namespace rsfm {
@@ -12,8 +13,10 @@ struct SimulateOptions {
   std::string mesh;
   std::string texture;
   std::string dem;
-  int max_images = 0;  // 0: as the scenario says
-  int threads = 0;     // 0: all cores
+  int max_images = 0;          // 0: as the scenario says
+  int threads = 0;             // 0: all cores
+  std::uint64_t nav_seed = 0;  // 0: the scenario's seed
+  bool no_images = false;
 };
 
 CLI::App* DeclareSimulate(CLI::App& app, SimulateOptions* options);

@@ -25,6 +25,7 @@ struct ImageOptions {
   int survey_images =
       0;  // a lawn-mower survey is made smaller until that many cover it; 0: as it is
   Utime start_utime = 1'767'225'600'000'000;  // of the first image: 2026-01-01 00:00 UTC
+  bool render = true;  // false: navigation and truth alone, of a mission that has its images
 };
 
 struct GroundTruthOptions {

@@ -62,7 +62,10 @@ class MissionBuilder {
     if (auto status = WriteNavigation(folder->aside(), *scene, *caster); !status) {
       return Fail(status.error());
     }
-    if (auto status = WriteImages(folder->aside(), renderer); !status) return Fail(status.error());
+    if (scenario_.images.render) {
+      if (auto status = WriteImages(folder->aside(), renderer); !status)
+        return Fail(status.error());
+    }
     if (report_.interrupted) return report_;
     if (auto status = WriteTruth(folder->aside(), *scene); !status) return Fail(status.error());
     if (auto status = folder->Commit(); !status) return Fail(status.error());
