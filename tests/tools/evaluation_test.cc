@@ -6,6 +6,8 @@
 #include "rsfm/io/atomic_output.h"
 #include "tests/support/temporary_folder.h"
 #include "tools/evaluation/alignment.h"
+#include "tools/evaluation/consistency.h"
+#include "tools/evaluation/evaluate.h"
 #include "tools/evaluation/mesh.h"
 #include "tools/offline/bend.h"
 
@@ -115,6 +117,131 @@ TEST(AlignmentTest, IsNamed) {
   EXPECT_EQ(AlignmentNamed("yaw"), Alignment::kYaw);
   EXPECT_EQ(AlignmentNamed("sim3"), Alignment::kSim3);
   EXPECT_EQ(AlignmentNamed("Sim3"), std::nullopt);
+}
+
+// A vehicle on a circle whose log is a per cent long and whose heading is off by a constant: after
+// alignment in position and yaw only the per cent is left; a camera on a lever rides along.
+class DeadReckoningTest : public testing::Test {
+ protected:
+  static constexpr double kRadius_m = 10.0, kTurn_radps = 0.1, kOff_rad = 0.3, kLong = 1.01,
+                          kHeave_radps = 0.3;
+  static constexpr Utime kStartUs = 1'000'000'000;
+
+  DeadReckoningTest() {
+    input_.body_from_camera = Rigid3(ExpSo3(Vec3(0, 0, 1.5)), Vec3(0.4, 0.1, 0.2));
+    for (int i = -4; i <= 604; ++i) {
+      const double seconds = 0.1 * i;
+      NavSample s;
+      s.utime = kStartUs + UsFromSeconds(seconds);
+      s.Set(NavField::kAttitude);
+      s.Set(NavField::kVelocity);
+      s.Set(NavField::kDepth);
+      s.ned_from_body = ExpSo3(Vec3(0, 0, kOff_rad)) * Body(seconds).rotation;
+      s.velocity_body_mps =
+          Vec3(kLong * kTurn_radps * kRadius_m, 0, kHeave_radps * std::cos(kHeave_radps * seconds));
+      s.depth_m = Body(seconds).translation.z();
+      input_.samples.push_back(s);
+    }
+    for (int i = 0; i <= 60; ++i) {
+      const Rigid3 camera = Body(i) * input_.body_from_camera;
+      truth_.poses.push_back({kStartUs + UsFromSeconds(i), "", camera});
+      utimes_.push_back(truth_.poses.back().utime);
+    }
+  }
+  static Rigid3 Body(double seconds) {
+    const double a = kTurn_radps * seconds;
+    return {ExpSo3(Vec3(0, 0, a)), Vec3(kRadius_m * std::sin(a), -kRadius_m * std::cos(a),
+                                        5.0 + std::sin(kHeave_radps * seconds))};
+  }
+
+  NavigationInput input_;
+  GroundTruth truth_;
+  std::vector<Utime> utimes_;
+};
+
+TEST_F(DeadReckoningTest, OnlyTheLogsErrorIsLeft) {
+  const ImageNavigation at_images(input_, utimes_);
+  const auto found = EvaluateDeadReckoning(at_images, truth_.poses, truth_, Alignment::kYaw);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->num_images, 61);
+  // A circle of 10 m that is drawn with 10.1 m; the camera's lever is not drawn larger.
+  EXPECT_NEAR(found->position_rmse_mm, 1e3 * (kLong - 1.0) * kRadius_m, 2.0);
+  EXPECT_NEAR(*found->rotation_error_deg, 0.0, 0.05);  // the circle is not closed
+  // 6 rad of a circle through the lever's end, up and down by a metre.
+  EXPECT_NEAR(found->distance_m, 60.0, 3.0);
+}
+
+TEST_F(DeadReckoningTest, NotWhereTheLogIsSilentOrNothingIsAligned) {
+  const ImageNavigation whole(input_, utimes_);
+  EXPECT_FALSE(EvaluateDeadReckoning(whole, truth_.poses, truth_, Alignment::kNone));
+  for (std::size_t i = 300; i < 340; ++i)
+    input_.samples[i].valid &= ~static_cast<std::uint32_t>(NavField::kVelocity);
+  const ImageNavigation gap(input_, utimes_);
+  EXPECT_FALSE(EvaluateDeadReckoning(gap, truth_.poses, truth_, Alignment::kYaw));
+}
+
+// Ten frames tracked, three reckoned, ten tracked after a jump that is announced.
+Mission FlownMission(double sigma_m, double error_m) {
+  Mission mission;
+  mission.rig.body_from_camera = Rigid3(ExpSo3(Vec3(0, 0, 1.5)), Vec3(0.4, 0.1, 0.2));
+  Rng rng(8);
+  for (int i = 0; i < 23; ++i) {
+    pose_t pose{};
+    pose.utime = 1'000'000 * (i + 1);
+    pose.frame_id = "ned";
+    pose.state = pose_t::STATE_TRACKING;
+    if (i >= 10 && i < 13) pose.state = pose_t::STATE_DEAD_RECKONING;
+    pose.reset_counter = i < 13 ? 0 : 1;
+    pose.frame_from_body_q[0] = 1.0;
+    for (int k = 0; k < 3; ++k)  // the first is where it says it is
+      pose.position_m[k] = (k == 0 ? i : 0.0) + (i > 0 ? error_m * rng.Gaussian() : 0.0);
+    for (int k = 0; k < 6; ++k) pose.covariance[7 * k] = sigma_m * sigma_m;
+    mission.poses.push_back(pose);
+  }
+  return mission;
+}
+
+GroundTruth TruthOf(const Mission& mission) {
+  GroundTruth truth;
+  for (int i = 0; i < 23; ++i) {
+    const Rigid3 body(Quat::Identity(), Vec3(i, 5.0, 0.0));  // the world lies elsewhere
+    truth.poses.push_back({1'000'000 * (i + 1), "", body * mission.rig.body_from_camera});
+  }
+  return truth;
+}
+
+TEST(ConsistencyTest, TellsStatesJumpsAndWhetherTheCovarianceIsRight) {
+  const Mission mission = FlownMission(0.02, 0.02);
+  const auto found = EvaluateConsistency(mission, TruthOf(mission));
+  ASSERT_TRUE(found);
+  ASSERT_EQ(found->spells.size(), 3u);
+  const auto& reckoned = found->spells[1];
+  EXPECT_EQ(reckoned.state, pose_t::STATE_DEAD_RECKONING);
+  EXPECT_EQ(reckoned.begin, 11'000'000);
+  EXPECT_EQ(reckoned.end, 14'000'000);
+  EXPECT_EQ(reckoned.num_frames, 3);
+  EXPECT_EQ(reckoned.num_jumps, 0);
+  EXPECT_EQ(found->spells[2].num_jumps, 1);
+  EXPECT_EQ(found->num_judged, 23);
+  EXPECT_NEAR(found->nees, 3.0 * 22 / 23, 1.2);  // three of six are without error here
+  EXPECT_GT(found->within_95, 0.9);
+
+  const Mission sure = FlownMission(0.002, 0.02);  // ten times too sure of itself
+  const auto wrong = EvaluateConsistency(sure, TruthOf(sure));
+  ASSERT_TRUE(wrong);
+  EXPECT_NEAR(wrong->nees, 100.0 * found->nees, 1e-6 * wrong->nees);
+  EXPECT_LT(wrong->within_95, 0.2);
+}
+
+TEST(ConsistencyTest, NothingIsJudgedWithoutCovarianceTruthOrNed) {
+  Mission mission = FlownMission(0.02, 0.02);
+  EXPECT_FALSE(EvaluateConsistency(mission, GroundTruth()));
+  const GroundTruth truth = TruthOf(mission);
+  for (std::size_t i = 0; i < 12; ++i) mission.poses[i].covariance[0] = -1.0;
+  ASSERT_TRUE(EvaluateConsistency(mission, truth));
+  EXPECT_EQ(EvaluateConsistency(mission, truth)->num_judged, 11);
+  for (pose_t& pose : mission.poses) pose.frame_id = "first_camera";
+  EXPECT_FALSE(EvaluateConsistency(mission, truth));
 }
 
 // A bowl of 2 cm over 3 m, turned, with a tilt and a height: all of it found, none on the flat.

@@ -134,6 +134,8 @@ IoExpected<Evaluation> Evaluate(const Model& model, const std::vector<Trajectory
     result.position_error_mm += error / n;
     result.position_max_mm = std::max(result.position_max_mm, error);
     squares += error * error;
+    if (i > 0)
+      result.distance_m += (pairs.truth[i].translation - pairs.truth[i - 1].translation).norm();
     rotation_sum +=
         kDegrees * AngleBetween(aligned->transform.rotation * pairs.estimate[i].rotation,
                                 pairs.truth[i].rotation);
@@ -148,6 +150,18 @@ IoExpected<Evaluation> Evaluate(const Model& model, const std::vector<Trajectory
   }
   if (truth.has_rotations) result.bend = BendOf(std::move(points), nearest, pairs, result);
   return result;
+}
+
+std::optional<Evaluation> EvaluateDeadReckoning(const ImageNavigation& at_images,
+                                                const std::vector<TrajectoryPose>& estimate,
+                                                const GroundTruth& truth, Alignment alignment) {
+  if (alignment == Alignment::kNone) return std::nullopt;
+  const std::vector<Rigid3> reckoned = at_images.DeadReckoned();
+  if (reckoned.size() != estimate.size()) return std::nullopt;
+  std::vector<TrajectoryPose> alone = estimate;
+  for (std::size_t i = 0; i < alone.size(); ++i) alone[i].world_from_camera = reckoned[i];
+  auto evaluation = Evaluate(Model(), alone, truth, alignment);
+  return evaluation ? std::optional(std::move(*evaluation)) : std::nullopt;
 }
 
 }  // namespace rsfm

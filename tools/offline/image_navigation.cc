@@ -73,19 +73,26 @@ std::vector<std::optional<Vec3>> ImageNavigation::Places() const {
     places[i] = CameraPlace(static_cast<int>(i));
     num_positions += places[i] ? 1 : 0;
   }
-  if (num_positions > 0 || !buffer_) return places;
-  Vec3 place = Vec3::Zero();
-  for (std::size_t i = 1; i < samples_.size(); ++i) {
-    const auto motion = buffer_->DeadReckon(utimes_[i - 1], utimes_[i], defaults_);
-    if (!motion) {
-      places.assign(samples_.size(), std::nullopt);  // two halves without a common origin
-      return places;
-    }
-    if (i == 1) places[0] = place;
-    place += motion->displacement_ned_m;
-    places[i] = place;
-  }
+  if (num_positions > 0) return places;
+  const std::vector<Rigid3> reckoned = DeadReckoned();
+  for (std::size_t i = 0; i < reckoned.size(); ++i) places[i] = reckoned[i].translation;
   return places;
+}
+
+std::vector<Rigid3> ImageNavigation::DeadReckoned() const {
+  std::vector<Rigid3> ned_from_camera;
+  if (!buffer_) return ned_from_camera;
+  Vec3 place = Vec3::Zero();
+  for (std::size_t i = 1; i < utimes_.size(); ++i) {
+    const auto motion = buffer_->DeadReckon(utimes_[i - 1], utimes_[i], defaults_);
+    if (!motion) return {};  // two halves without a common origin
+    if (i == 1)
+      ned_from_camera.push_back(Rigid3(motion->ned_from_body_start, place) *
+                                input_.body_from_camera);
+    place += motion->displacement_ned_m;
+    ned_from_camera.push_back(Rigid3(motion->ned_from_body_end, place) * input_.body_from_camera);
+  }
+  return ned_from_camera;
 }
 
 std::optional<KnownBaseline> ImageNavigation::BaselineOf(int a, int b) const {

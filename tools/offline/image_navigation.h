@@ -37,6 +37,10 @@ class ImageNavigation {
 
   // Where each image was taken: position, or failing that dead-reckoned since the first image.
   std::vector<std::optional<Vec3>> Places() const;
+  // ned_from_camera of every image by velocity, attitude and depth alone, each from the one before;
+  // the first body is the origin. Empty where these do not span the images, which must be in order
+  // of time.
+  std::vector<Rigid3> DeadReckoned() const;
   // The length of the way between two images' cameras, where navigation is sure of it to a fifth.
   std::optional<KnownBaseline> BaselineOf(int a, int b) const;
 
