@@ -10,7 +10,6 @@ namespace {
 constexpr double kRadPerDeg = std::numbers::pi / 180.0;
 constexpr double kMeanObservations = 8.0;  // of a landmark in a window: sizes the memory
 constexpr double kTenMinutes = 600.0;
-constexpr int kMinAnchored = 20;  // observations, for old keyframes to hold the window
 constexpr RobustLoss kImageLoss{LossType::kHuber, 1.0};
 
 std::size_t Count(int value) { return static_cast<std::size_t>(std::max(value, 0)); }
@@ -213,10 +212,18 @@ void WindowAdjuster::WriteBack(Map* map, bool has_nav) noexcept {
     states_ = ba_.nav_states();
     if (const auto covariance = ba_.NavStateCovariance()) state_covariance_ = *covariance;
   }
-  // Where old keyframes hold the window, it is as uncertain as they are and what comes on top.
-  if (num_anchored_ >= kMinAnchored && map->Contains(anchor_)) {
+  // Where old keyframes hold the window, it is as uncertain as they are and what comes on top, be it
+  // by a few points that were missed for a while: fixed poses say where the yaw is, and its bias.
+  // Level and plumb it stands by its own sensors.
+  if (num_anchored_ > 0 && map->Contains(anchor_)) {
     base_covariance_ = map->keyframe(anchor_).covariance;
     base_from_world_ = map->keyframe(anchor_).camera_from_world;
+    if (has_nav) {
+      Mat6 unlevelled = Mat6::Identity();
+      const Vec3 down = base_from_world_.rotation * Vec3::UnitZ();
+      unlevelled.topLeftCorner<3, 3>() = down * down.transpose();
+      base_covariance_ = unlevelled * base_covariance_ * unlevelled.transpose();
+    }
   }
   Keyframe& newest = map->keyframe(window_.back());
   const auto covariance = ba_.PoseCovariance(static_cast<int>(window_.size()) - 1);

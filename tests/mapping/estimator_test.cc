@@ -39,6 +39,30 @@ TEST(Estimator, CovarianceIsConsistent) {
   EXPECT_LT(mean, 97.4 / kRuns);
 }
 
+// Points that were missed for a while and are found again are no revisit: the old keyframes that
+// saw them know the yaw no better than the compass, whose bias nobody knows.
+TEST(Estimator, PointsFoundAgainAreNoRevisit) {
+  SimulatedMissionOptions options;
+  options.legs = 1;
+  options.speed_mps = 0.12;  // a point is in sight for some 30 keyframes
+  options.heading_bias_deg = 2.0;
+  options.missed = 0.04;
+  options.max_features = 300;
+  const SimulatedMission mission(options);
+  const auto mapper = MakeMapper(mission, mission.Mapper());
+  const Flight flight = Fly(mission, mapper.get(), 70);
+  const auto yaw_sigma_rad = [&](std::size_t frame) {
+    const StepReport& report = flight.reports[frame];
+    const BodyPose body = ToBodyPose(report.camera_from_world, report.covariance, DownwardCamera());
+    return std::sqrt(body.covariance(5, 5));
+  };
+  ASSERT_EQ(flight.reports.size(), 70u);
+  const double at_start = yaw_sigma_rad(12);
+  EXPECT_GT(at_start, 0.03);
+  for (std::size_t frame = 12; frame < 70; ++frame)
+    EXPECT_GT(yaw_sigma_rad(frame), 0.95 * at_start) << frame;
+}
+
 TEST(Estimator, BeatsDeadReckoning) {
   SimulatedMissionOptions options;
   options.legs = 3;

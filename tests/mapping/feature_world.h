@@ -47,6 +47,7 @@ struct FeatureWorldOptions {
   double clutter = 0.2;  // of the features: nothing that is seen again
   int max_features = 600;
   double repeat_m = 0.0;  // > 0: the bottom looks the same again after so far north
+  double missed = 0.0;    // of the points, in turn: not found for ten frames although in sight
 };
 
 // One frame's memory.
@@ -78,7 +79,8 @@ class FeatureWorld {
   const std::vector<Vec3>& points() const { return points_; }
 
   // What the camera sees there: features in ascending order of track (the point's number), each
-  // displaced by noise; then clutter. `seed` makes the noise.
+  // displaced by noise; then clutter. `seed` makes the noise; it goes up by one from frame to
+  // frame.
   FeatureFrame See(const AnyCamera& camera, const Rigid3& camera_from_world,
                    std::uint64_t seed) const {
     Rng rng(seed * 7919 + options_.seed);
@@ -86,7 +88,7 @@ class FeatureWorld {
     for (std::size_t i = 0; i < points_.size(); ++i) {
       Vec2 pixel;
       const Vec3 point_in_camera = camera_from_world * points_[i];
-      if (point_in_camera.norm() > 6.0) continue;
+      if (point_in_camera.norm() > 6.0 || IsMissed(i, seed)) continue;
       if (camera.Project(point_in_camera, &pixel) != Projection::kOk) continue;
       pixel += options_.noise_px * Vec2(rng.Gaussian(), rng.Gaussian());
       if (!camera.IsInImage(pixel)) continue;
@@ -113,6 +115,12 @@ class FeatureWorld {
   }
 
  private:
+  bool IsMissed(std::size_t point, std::uint64_t seed) const {
+    constexpr std::uint64_t kFrames = 10;
+    if (options_.missed <= 0.0) return false;
+    Rng rng(point * 15485863 + (seed + point) / kFrames);
+    return rng.Uniform() < options_.missed;
+  }
   static std::uint8_t RandomByte(Rng* rng) { return static_cast<std::uint8_t>(rng->Index(92)); }
   // Keeps the points of the first period, and lays them out again to the end, descriptors and all.
   void Repeat(double period_m) {

@@ -25,6 +25,7 @@ struct SimulatedMissionOptions {
   double points_per_m2 = 12.0;
   int max_features = 160;
   double noise_px = 0.5;
+  double missed = 0.0;  // of the points: not found for ten frames, although in sight
 
   // One standard deviation each.
   double attitude_deg = 0.1, heading_deg = 0.5;  // white
@@ -186,6 +187,7 @@ class SimulatedMission {
     world.noise_px = options.noise_px;
     world.clutter = 0.1;
     world.repeat_m = options.repeat_m;
+    world.missed = options.missed;
     world.max_features = options.max_features;
     world.num_points =
         static_cast<int>(options.points_per_m2 * (world.length_m + 4.0) * world.width_m);
