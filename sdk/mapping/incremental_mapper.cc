@@ -212,8 +212,10 @@ void IncrementalMapper::AdjustWindow(SlotId keyframe) noexcept {
 // where anybody notices.
 void IncrementalMapper::CloseLoop(SlotId left) noexcept {
   constexpr double kUnnoticed_m = 0.005, kUnnoticed_rad = 0.001;
-  if (!loops_.Add(map_, left, report_.world_is_ned)) return;
-  const Rigid3 moved = CorrectMap(loops_, left, report_.world_is_ned, &map_, &adjuster_);
+  const bool is_ned = report_.world_is_ned;
+  const NavSample then = nav_.buffer().At(map_.keyframe(left).utime);
+  if (!loops_.Add(map_, left, {is_ned, is_ned && then.Has(NavField::kDepth)})) return;
+  const Rigid3 moved = CorrectMap(loops_, left, is_ned, &map_, &adjuster_);
   const Vec3 was_at = report_.camera_from_world.OriginOfTarget();
   report_.camera_from_world = report_.camera_from_world * moved.Inverse();
   base_.camera_from_world = next_base_.camera_from_world = report_.camera_from_world;

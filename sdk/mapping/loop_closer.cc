@@ -8,9 +8,13 @@ namespace rsfm {
 namespace {
 
 // What a link may be off by, per root of a metre (and at least the root of a step of 0.1 m).
-constexpr double kTilt = 3e-4, kTurn = 1e-3;  // rad
-constexpr double kShift = 0.01;               // m
+constexpr double kTurn = 1e-3;   // rad
+constexpr double kShift = 0.01;  // m
 constexpr double kMinStep_m = 0.1;
+// The same of what sensors hold; and what they may be off by from one pass to the next: a loop that
+// says otherwise is none against them (attitude's noise; the tide).
+constexpr double kHeldTilt = 1e-5, kHeldDepth = 1e-4;  // rad, m
+constexpr double kPassTilt = 0.01, kPassDepth = 0.2;
 constexpr double kSpacing = 0.3;  // of the range, between places
 constexpr double kReach = 1.0;    // of the range, plus three sigmas: what is near
 // A place's points are not exact, and not independent: the loop's own deviation, at least.
@@ -83,11 +87,13 @@ Vec6 LoopCloser::LinkVariance(const Keyframe& keyframe, const Rigid3& world_from
         (world_from_camera.translation - graph_.world_from_camera(graph_.size() - 1).translation)
             .norm();
     Vec6 sigma;
-    sigma << kTilt, kTilt, kTurn, kShift, kShift, kShift;
-    if (!is_ned_) sigma.head<3>().setConstant(kTurn);
+    sigma << kTurn, kTurn, kTurn, kShift, kShift, kShift;
+    if (held_.level) sigma.head<2>().setConstant(kHeldTilt);
+    if (held_.depth) sigma[5] = kHeldDepth;
     variance = std::max(step, kMinStep_m) * sigma.cwiseAbs2();
     const Vec6 growth = (covariance - last_covariance_).diagonal();
-    variance.tail<3>() = variance.tail<3>().cwiseMax(growth.tail<3>());
+    const int grows = held_.depth ? 2 : 3;
+    variance.segment(3, grows) = variance.segment(3, grows).cwiseMax(growth.segment(3, grows));
   }
   last_covariance_ = covariance;
   return variance;
@@ -166,7 +172,16 @@ bool LoopCloser::Match(const Map& map, SlotId id, const PlaceArchive::Place& pla
   return true;
 }
 
-bool LoopCloser::Close(const PoseGraph::Loop& loop) noexcept {
+// What sensors hold is theirs to say.
+bool LoopCloser::Close(PoseGraph::Loop loop) noexcept {
+  const Vec3 down = graph_.world_from_camera(loop.b).rotation.conjugate() * Vec3::UnitZ();
+  const Mat3 along_down = down * down.transpose();
+  if (held_.level) {
+    loop.covariance.topLeftCorner<3, 3>() +=
+        kPassTilt * kPassTilt * (Mat3::Identity() - along_down);
+  }
+  if (held_.depth)
+    loop.covariance.bottomRightCorner<3, 3>() += kPassDepth * kPassDepth * along_down;
   for (std::size_t i = 0; i < known_.size(); ++i)
     known_[i].world_from_camera = graph_.world_from_camera(static_cast<int>(i));
   const bool is_closed = graph_.Close(loop).has_value();
@@ -188,15 +203,18 @@ void LoopCloser::AddNode(const Keyframe& keyframe) noexcept {
   for (const Anchored& anchored : anchored_) {
     if (anchored.keyframe_id != keyframe.id) continue;
     as_linked = anchored.unmoved_from_world * world_from_camera;
+    const Vec6 held = variance;
     variance = variance.cwiseMax(anchored.variance);
+    if (held_.level) variance.head<2>() = held.head<2>();
+    if (held_.depth) variance[5] = held[5];
   }
   graph_.AddNode(world_from_camera, variance, as_linked);
   known_.TryPushBack({keyframe.id, world_from_camera, world_from_camera});
 }
 
-bool LoopCloser::Add(const Map& map, SlotId id, bool is_ned) noexcept {
+bool LoopCloser::Add(const Map& map, SlotId id, const Held& held) noexcept {
   if (options_.max_places == 0) return false;
-  is_ned_ = is_ned;
+  held_ = held;
   const std::int32_t keyframe_id = map.keyframe(id).id;
   AddNode(map.keyframe(id));
   bool is_closed = false;

@@ -26,10 +26,16 @@ class LoopCloser {
   // A new world begins.
   void Clear() noexcept;
 
-  // The next keyframe of the way, with its last pose; `is_ned`: the world's third axis is down.
-  // Looks for an earlier place in it. True where a loop was closed: the poses of all keyframes have
-  // moved, see Correction(). Without places (max_places is 0) never.
-  bool Add(const Map& map, SlotId keyframe, bool is_ned) noexcept;
+  // What sensors say of the world at each keyframe by itself, so that it does not drift along the
+  // way and no loop may change it.
+  struct Held {
+    bool level = false;  // the world's third axis is down: a compass or an inclinometer
+    bool depth = false;  // and a depth sensor says how far
+  };
+  // The next keyframe of the way, with its last pose. Looks for an earlier place in it. True where
+  // a loop was closed: the poses of all keyframes have moved, see Correction(). Without places
+  // (max_places is 0) never.
+  bool Add(const Map& map, SlotId keyframe, const Held& held) noexcept;
 
   // The place that the frame shows, which is not in the map: among those that may be seen from
   // where it is expected; `expected` null: among all, and not on a few matches. Takes as long as
@@ -108,7 +114,7 @@ class LoopCloser {
   void FindNear(double reach_m) noexcept;
   bool Match(const Map& map, SlotId keyframe, const PlaceArchive::Place& place,
              PoseGraph::Loop* loop) noexcept;
-  bool Close(const PoseGraph::Loop& loop) noexcept;
+  bool Close(PoseGraph::Loop loop) noexcept;
   std::span<const PlaceArchive::Place> LookAt(const Map& map, const FrameView& frame,
                                               const KnownPose* expected) noexcept;
 
@@ -121,8 +127,8 @@ class LoopCloser {
   StaticVector<Anchored, 4> anchored_;   // that have not come to be nodes yet
   double spacing_m_ = 0.0;               // between places
   Mat6 last_covariance_ = Mat6::Zero();  // of the newest node, along the world's axes
-  bool is_ned_ = false;
-  bool has_moved_ = false;  // and not all of it is told
+  Held held_;                            // of the newest node
+  bool has_moved_ = false;               // and not all of it is told
   int num_closed_ = 0, num_refused_ = 0;
 };
 

@@ -187,6 +187,33 @@ TEST(Estimator, RevisitsCloseLoops) {
   EXPECT_LT(end_error_m[1], std::max(0.5 * end_error_m[0], 0.03));
 }
 
+// Six passes side by side while the water rises by 15 cm: where the depth has been measured it is
+// the sensor's to say. Loops neither pull it back, step by step, nor are they refused for it.
+TEST(Estimator, LoopsLeaveTheDepthAlone) {
+  SimulatedMissionOptions options;
+  options.legs = 6;
+  options.leg_m = 16.0;
+  options.spacing_m = 1.0;
+  options.max_features = 110;
+  options.tide_m = 0.15;
+  const SimulatedMission mission(options);
+  MapperOptions mapper_options = mission.Mapper();
+  mapper_options.max_way_nodes = 1000;
+  const auto mapper = MakeMapper(mission, mapper_options);
+  const Flight flight = Fly(mission, mapper.get(), mission.num_frames());
+  ASSERT_EQ(flight.found.size() + 1, static_cast<std::size_t>(mission.num_frames()));  // the first
+  double worst_m = 0.0;
+  for (std::size_t i = 10; i < flight.found.size(); ++i) {
+    const double measured =
+        flight.truth[i].z() + mission.Tide(mission.TimeOf(static_cast<int>(i) + 1));
+    worst_m = std::max(worst_m, std::abs(flight.found[i].z() - measured));
+  }
+  std::printf("%d loops, %d refused: depth at most %.3f m off what is measured\n",
+              mapper->loops().num_closed(), mapper->loops().num_refused(), worst_m);
+  EXPECT_GT(mapper->loops().num_closed(), 150);
+  EXPECT_LT(worst_m, 0.03);
+}
+
 // A fix that is 20 m off, a depth that stops: refused or outweighed, and counted.
 TEST(Estimator, OneWrongSensorDoesNotTakeItAway) {
   SimulatedMissionOptions options;

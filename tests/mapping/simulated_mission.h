@@ -34,6 +34,7 @@ struct SimulatedMissionOptions {
   double velocity_mps = 0.01, velocity_scale = 0.003;
   double depth_sigma_m = 0.02, altitude_sigma_m = 0.03;
   bool has_velocity = true, has_depth = true, has_altitude = false;
+  double tide_m = 0.0;                          // the water rises by that until the end
   double fix_every_s = 0.0, fix_sigma_m = 0.5;  // 0: none
   double clock_offset_s = 0.0;                  // navigation's stamps run ahead of the camera's
 
@@ -59,6 +60,9 @@ class SimulatedMission {
   const AnyCamera& camera() const { return camera_; }
   const FeatureWorld& world() const { return world_; }
   Utime UtimeOf(int frame) const { return UsFromSeconds(kStart_s + TimeOf(frame)); }
+
+  // The depth sensor's reading goes up by it.
+  double Tide(double seconds) const { return options_.tide_m * seconds / duration_s(); }
 
   // ned_from_body.
   Rigid3 Body(double seconds) const {
@@ -143,7 +147,7 @@ class SimulatedMission {
       if (i % 5 == 0 && options_.has_depth) {
         sample.Set(NavField::kDepth);
         const bool is_frozen = within(t, options_.frozen_depth_from_s, options_.frozen_depth_to_s);
-        if (!is_frozen) frozen = body.translation.z() + depth_noise;
+        if (!is_frozen) frozen = body.translation.z() + Tide(t) + depth_noise;
         sample.depth_m = frozen;
         sample.sigma_depth_m = options_.depth_sigma_m;
       }
