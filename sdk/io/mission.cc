@@ -12,15 +12,16 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// False where it has none.
-bool PoseOf(const keyframe_t& keyframe, Rigid3* camera_from_world) {
-  const double* q = keyframe.camera_from_world_q;
+// False where a message's quaternion w x y z and translation are none.
+bool ToPose(const double (&q)[4], const double (&t)[3], Rigid3* pose) {
   const Quat rotation(q[0], q[1], q[2], q[3]);
-  const Vec3 translation(keyframe.camera_from_world_t[0], keyframe.camera_from_world_t[1],
-                         keyframe.camera_from_world_t[2]);
+  const Vec3 translation(t[0], t[1], t[2]);
   if (!(std::abs(rotation.norm() - 1.0) < 1e-6) || !translation.allFinite()) return false;
-  *camera_from_world = Rigid3(rotation, translation);
+  *pose = Rigid3(rotation, translation);
   return true;
+}
+bool PoseOf(const keyframe_t& keyframe, Rigid3* camera_from_world) {
+  return ToPose(keyframe.camera_from_world_q, keyframe.camera_from_world_t, camera_from_world);
 }
 
 // Sorts the events of a log into a mission.
@@ -104,15 +105,11 @@ class MissionBuilder {
     }
     for (std::size_t i = 0; i < message.id.size(); ++i) {
       const auto at = keyframes_.find(message.id[i]);
-      Rigid3 old_from_world;
-      if (at == keyframes_.end() || !PoseOf(at->second, &old_from_world)) continue;
-      keyframe_t moved;  // its pose alone
       const double q[] = {message.qw[i], message.qx[i], message.qy[i], message.qz[i]};
       const double t[] = {message.tx[i], message.ty[i], message.tz[i]};
-      std::copy_n(q, 4, moved.camera_from_world_q);
-      std::copy_n(t, 3, moved.camera_from_world_t);
-      Rigid3 new_from_world;
-      if (!PoseOf(moved, &new_from_world)) continue;
+      Rigid3 old_from_world, new_from_world;
+      if (at == keyframes_.end() || !PoseOf(at->second, &old_from_world)) continue;
+      if (!ToPose(q, t, &new_from_world)) continue;
       std::copy_n(q, 4, at->second.camera_from_world_q);
       std::copy_n(t, 3, at->second.camera_from_world_t);
       const Rigid3 new_world_from_world = new_from_world.Inverse() * old_from_world;

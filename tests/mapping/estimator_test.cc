@@ -154,10 +154,7 @@ TEST(Estimator, DeadReckonsThroughAnOutageKnowingHowWell) {
 // Out and back beside its own way, long after that has left the map: the loops that are found there
 // correct the way and the pose, each jump is announced, and the world stays the same.
 TEST(Estimator, RevisitsCloseLoops) {
-  SimulatedMissionOptions options;
-  options.legs = 2;
-  options.leg_m = 16.0;
-  options.spacing_m = 1.0;
+  SimulatedMissionOptions options = PassesSideBySide(2);
   options.max_features = 130;
   options.heading_drift_deg = 10.0;
   const SimulatedMission mission(options);
@@ -190,10 +187,7 @@ TEST(Estimator, RevisitsCloseLoops) {
 // Six passes side by side while the water rises by 15 cm: where the depth has been measured it is
 // the sensor's to say. Loops neither pull it back, step by step, nor are they refused for it.
 TEST(Estimator, LoopsLeaveTheDepthAlone) {
-  SimulatedMissionOptions options;
-  options.legs = 6;
-  options.leg_m = 16.0;
-  options.spacing_m = 1.0;
+  SimulatedMissionOptions options = PassesSideBySide(6);
   options.max_features = 110;
   options.tide_m = 0.15;
   const SimulatedMission mission(options);

@@ -19,10 +19,7 @@ struct Gap {
 
 // Out, 10 s of black from the turn on, and back over the way out, which has left the map.
 SimulatedMissionOptions OutAndBlackAndBack(bool has_velocity) {
-  SimulatedMissionOptions options;
-  options.legs = 2;
-  options.leg_m = 16.0;
-  options.spacing_m = 1.0;
+  SimulatedMissionOptions options = PassesSideBySide(2);
   options.max_features = 130;
   options.has_velocity = has_velocity;
   options.has_altitude = !has_velocity;

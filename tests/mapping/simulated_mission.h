@@ -45,6 +45,15 @@ struct SimulatedMissionOptions {
   double wrong_fixes_from_s = 0.0, wrong_fixes_to_s = 0.0;  // 20 m off, north and west
 };
 
+// Legs so near to each other that each sees the one before.
+inline SimulatedMissionOptions PassesSideBySide(int legs) {
+  SimulatedMissionOptions options;
+  options.legs = legs;
+  options.leg_m = 16.0;
+  options.spacing_m = 1.0;
+  return options;
+}
+
 class SimulatedMission {
  public:
   explicit SimulatedMission(const SimulatedMissionOptions& options)

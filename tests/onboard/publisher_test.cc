@@ -94,10 +94,7 @@ double PartOff(const Model& model, const AnyCamera& camera) {
 // Out and back beside its own way with a heading that drifts: the mission has the way as the loops
 // have left it, of keyframes that left the map before them, too, and landmarks that fit to it.
 TEST(MissionPublisherTest, WhatLoopsMoveReachesTheMission) {
-  SimulatedMissionOptions options;
-  options.legs = 2;
-  options.leg_m = 16.0;
-  options.spacing_m = 1.0;
+  SimulatedMissionOptions options = PassesSideBySide(2);
   options.max_features = 130;
   options.heading_drift_deg = 20.0;
   const SimulatedMission simulated(options);
