@@ -73,6 +73,10 @@ bool NavConverter::TakeTime(Utime utime) { return IsTime(utime) || Reject(NavRej
 
 bool NavConverter::TakeFinite(bool is_finite) { return is_finite || Reject(NavReject::kNotFinite); }
 
+bool NavConverter::TakeChanging(Utime utime, const Vec3& measured, RepeatWatch* repeats) {
+  return repeats->Take(utime, measured.homogeneous()) || Reject(NavReject::kFrozen);
+}
+
 bool NavConverter::Take(const Vec3& value, const double (&covariance)[9], Vec3* sigma) {
   return TakeFinite(value.allFinite() && IsFinite(covariance)) &&
          (Sigmas(covariance, sigma) || Reject(NavReject::kSentinel));
@@ -165,13 +169,16 @@ bool NavConverter::Convert(const dvl_t& m, NavSample* sample) {
   NavSample s;
   s.utime = m.utime;
   if ((m.valid & dvl_t::VALID_VELOCITY) != 0 &&
-      Take(ToVec3(m.velocity_body_mps), m.velocity_cov_m2ps2, &s.sigma_velocity_mps)) {
+      Take(ToVec3(m.velocity_body_mps), m.velocity_cov_m2ps2, &s.sigma_velocity_mps) &&
+      (!IsVelocitySentinel(ToVec3(m.velocity_body_mps)) || Reject(NavReject::kSentinel)) &&
+      TakeChanging(m.utime, ToVec3(m.velocity_body_mps), &velocity_repeats_)) {
     const Vec3 rate = HasAttitude(m.utime) ? rotation_rate_radps_ : Vec3::Zero();
     s.velocity_body_mps = BodyVelocity(ToVec3(m.velocity_body_mps), rate, sensors_.dvl_in_body_m);
     s.Set(NavField::kVelocity);
   }
   if ((m.valid & dvl_t::VALID_ALTITUDE) != 0 && Take(m.altitude_m, m.altitude_sigma_m) &&
-      (m.altitude_m > 0.0 || Reject(NavReject::kSentinel))) {
+      (m.altitude_m > 0.0 || Reject(NavReject::kSentinel)) &&
+      TakeChanging(m.utime, Vec3(0.0, 0.0, m.altitude_m), &altitude_repeats_)) {
     const Quat attitude = HasAttitude(m.utime) ? ned_from_body_ : Quat::Identity();
     s.altitude_m = m.altitude_m + (attitude * sensors_.dvl_in_body_m).z();
     s.sigma_altitude_m = m.altitude_sigma_m;
@@ -201,7 +208,10 @@ bool NavConverter::Convert(const ahrs_t& m, NavSample* sample) {
 }
 
 bool NavConverter::Convert(const depth_t& m, NavSample* sample) {
-  if (m.valid == 0 || !TakeTime(m.utime) || !Take(m.depth_m, m.sigma_m)) return false;
+  if (m.valid == 0 || !TakeTime(m.utime) || !Take(m.depth_m, m.sigma_m) ||
+      !TakeChanging(m.utime, Vec3(0.0, 0.0, m.depth_m), &depth_repeats_)) {
+    return false;
+  }
   NavSample s;
   s.utime = m.utime;
   const Quat attitude = HasAttitude(m.utime) ? ned_from_body_ : Quat::Identity();

@@ -43,7 +43,8 @@ class NavConverter {
   bool Convert(const acfrlcm::auv_acfr_nav_t& message, NavSample* sample);
 
   // Fields that were marked as valid and are not: not finite, a sentinel (a negative covariance, a
-  // range of 0), no rotation, no place on earth.
+  // range of 0), no rotation, no place on earth, frozen (depth_t and dvl_t; what has no lever arm is
+  // judged by NavBuffer).
   std::uint64_t rejected(NavReject reason) const {
     return rejected_[static_cast<std::size_t>(reason)];
   }
@@ -59,12 +60,15 @@ class NavConverter {
   bool Take(const double (&wxyz)[4], const double (&covariance)[9], Quat* q, Vec3* sigma);
   bool TakeTime(Utime utime);
   bool TakeFinite(bool is_finite);
+  bool TakeChanging(Utime utime, const Vec3& measured, RepeatWatch* repeats);
 
   SensorPlaces sensors_;
   std::array<std::uint64_t, kNumNavRejects> rejected_{};
   std::optional<LocalFrame> frame_;
   Utime attitude_utime_ = 0;
   bool has_attitude_ = false;
+  // As measured: with its lever arm removed a value that has stopped moves with the attitude.
+  RepeatWatch depth_repeats_, velocity_repeats_, altitude_repeats_;
   Quat ned_from_body_ = Quat::Identity();
   Vec3 rotation_rate_radps_ = Vec3::Zero();
   std::optional<double> depth_m_;

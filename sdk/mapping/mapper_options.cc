@@ -43,6 +43,7 @@ OptionRanges MapperOptions::Ranges() const noexcept {
   const OptionRange ranges[] = {
       {"max_features", static_cast<double>(max_features), 50, 20000},
       {"contrast_limit", contrast_limit, 0, 100},
+      {"sift_first_octave", static_cast<double>(sift_first_octave), -1, 0},
       {"grid_cell_px", static_cast<double>(grid_cell_px), 8, 1024},
       {"max_tracks", static_cast<double>(max_tracks), 50, 20000},
       {"track_window_px", static_cast<double>(track_window_px), 5, 101},

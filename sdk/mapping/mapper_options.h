@@ -43,6 +43,9 @@ struct MapperOptions {
   DescriptorType descriptor = DescriptorType::kSift;
   int max_features = 2000;        // kept of an image
   double contrast_limit = 0.0;    // CLAHE's clip limit for murky water; 0 leaves the image as it is
+  // Stills with SIFT: the octave that the search begins in. -1 doubles the image first, as Lowe did;
+  // 0 takes it as it is: four times less work, and details below two or three pixels are not found.
+  int sift_first_octave = -1;
   int grid_cell_px = 64;          // video: at least one point is sought in every cell
   int max_tracks = 600;           // video: points followed, at most max_features
   int track_window_px = 21;       // video: KLT patch
@@ -119,6 +122,7 @@ void ForEachOption(Options& o, F&& f) {
   f("descriptor", o.descriptor);
   f("max_features", o.max_features);
   f("contrast_limit", o.contrast_limit);
+  f("sift_first_octave", o.sift_first_octave);
   f("grid_cell_px", o.grid_cell_px);
   f("max_tracks", o.max_tracks);
   f("track_window_px", o.track_window_px);

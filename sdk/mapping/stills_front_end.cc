@@ -6,15 +6,65 @@
 
 #include "rsfm/base/fixed_vector.h"
 #include "rsfm/mapping/front_end_image.h"
+#include "rsfm/mapping/image_pyramid.h"
 
 namespace rsfm {
 namespace {
+
+// The image that the detector sees. OpenCV's SIFT always doubles it first: where the search is to
+// begin with the image as it is, it gets every second pixel of the smoothed one, whose doubling is
+// as smooth as what the search begins with in any case.
+class DetectorImage {
+ public:
+  DetectorImage(const MapperOptions& options, const GreyImage& grey)
+      : is_halved_(options.descriptor == DescriptorType::kSift && options.sift_first_octave == 0) {
+    if (!is_halved_) return;
+    pyramid_ = ImagePyramid(grey.width_px(), grey.height_px(), 2, 2);
+    const PyramidLevel& half = pyramid_.level(pyramid_.num_levels() - 1);
+    is_halved_ = pyramid_.num_levels() == 2;
+    mask_ = FixedVector<std::uint8_t>(static_cast<std::size_t>(half.width) *
+                                      static_cast<std::size_t>(half.height));
+    for (int y = 0; y < half.height; ++y)
+      for (int x = 0; x < half.width; ++x)
+        mask_.TryPushBack(grey.mask()[static_cast<std::size_t>(2 * y * grey.width_px() + 2 * x)]);
+  }
+
+  // OpenCV takes no const data; it only reads.
+  cv::Mat Pixels(const GreyImage& grey) {
+    if (!is_halved_) return {grey.height_px(), grey.width_px(), CV_8UC1, Writable(grey.data())};
+    pyramid_.Build(grey.data(), grey.width_px());
+    const PyramidLevel& half = pyramid_.level(1);
+    return {half.height, half.width, CV_8UC1, Writable(half.origin),
+            static_cast<std::size_t>(half.stride_bytes)};
+  }
+  cv::Mat Mask(const GreyImage& grey) const {
+    if (!is_halved_)
+      return {grey.height_px(), grey.width_px(), CV_8UC1, Writable(grey.mask().data())};
+    const PyramidLevel& half = pyramid_.level(1);
+    return {half.height, half.width, CV_8UC1, Writable(mask_.data())};
+  }
+
+  // In the whole image; both put coordinates at pixels' centres, and each second pixel was kept.
+  double scale() const { return is_halved_ ? 2.0 : 1.0; }
+
+  std::size_t bytes() const { return pyramid_.bytes() + mask_.bytes(); }
+
+ private:
+  static std::uint8_t* Writable(const std::uint8_t* data) {
+    return const_cast<std::uint8_t*>(data);
+  }
+
+  bool is_halved_;
+  ImagePyramid pyramid_;
+  FixedVector<std::uint8_t> mask_;
+};
 
 class StillsFrontEnd final : public FrontEnd {
  public:
   StillsFrontEnd(const MapperOptions& options, int width_px, int height_px)
       : options_(options),
         grey_(options, width_px, height_px),
+        seen_(options, grey_),
         detector_(MakeFeature2D(options.descriptor, options.max_features)),
         features_(static_cast<std::size_t>(options.max_features)),
         descriptors_(static_cast<std::size_t>(options.max_features) *
@@ -25,16 +75,16 @@ class StillsFrontEnd final : public FrontEnd {
   Expected<FrameObservations> Process(const ImageView& image, Utime utime,
                                       const FrameHints& /*hints*/) override try {
     if (const Status status = grey_.Take(image); !status) return tl::unexpected(status.error());
-    // OpenCV takes no const data; it only reads.
-    const cv::Mat grey(grey_.height_px(), grey_.width_px(), CV_8UC1, grey_.data());
-    const cv::Mat mask(grey_.height_px(), grey_.width_px(), CV_8UC1,
-                       const_cast<std::uint8_t*>(grey_.mask().data()));
-    detector_->detectAndCompute(grey, mask, keypoints_, cv_descriptors_);
+    detector_->detectAndCompute(seen_.Pixels(grey_), seen_.Mask(grey_), keypoints_,
+                                cv_descriptors_);
     SelectStrongest();
     for (std::size_t i = 0; i < order_.size(); ++i) {
       const cv::KeyPoint& keypoint = keypoints_[order_[i]];
-      const Vec2 pixel = PixelOf(options_.descriptor, keypoint);
-      Feature feature{static_cast<float>(pixel.x()), static_cast<float>(pixel.y()), keypoint.size};
+      // Pixels' centres are whole numbers where the scales meet.
+      const Vec2 half = Vec2::Constant(0.5);
+      const Vec2 pixel = seen_.scale() * (PixelOf(options_.descriptor, keypoint) - half) + half;
+      Feature feature{static_cast<float>(pixel.x()), static_cast<float>(pixel.y()),
+                      static_cast<float>(seen_.scale()) * keypoint.size};
       SampleColour(image, &feature);
       features_.TryPushBack(feature);
       PackDescriptor(options_.descriptor, cv_descriptors_, order_[i],
@@ -50,7 +100,7 @@ class StillsFrontEnd final : public FrontEnd {
   }
 
   std::size_t bytes() const override {
-    return features_.bytes() + descriptors_.bytes() + grey_.bytes();
+    return features_.bytes() + descriptors_.bytes() + grey_.bytes() + seen_.bytes();
   }
 
  private:
@@ -69,6 +119,7 @@ class StillsFrontEnd final : public FrontEnd {
 
   MapperOptions options_;
   GreyImage grey_;
+  DetectorImage seen_;
   std::shared_ptr<cv::Feature2D> detector_;
   cv::Mat cv_descriptors_;
   std::vector<cv::KeyPoint> keypoints_;

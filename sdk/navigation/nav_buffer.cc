@@ -9,8 +9,6 @@
 namespace rsfm {
 namespace {
 
-// RDI-style logs mark a missing velocity by the smallest 16-bit integer in mm/s.
-constexpr double kVelocitySentinel = -32.768;
 constexpr int kThatConfirm = 3;  // samples of a time that is not expected: then it is the time
 constexpr double kOneSidedPart = 0.1;  // of max_gap_s: how far one neighbour alone may be
 
@@ -22,11 +20,16 @@ Quat Mix(const Quat& a, const Quat& b, double fraction) { return a.slerp(fractio
 Vec3 Larger(const Vec3& a, const Vec3& b) { return a.cwiseMax(b); }
 double Larger(double a, double b) { return std::max(a, b); }
 
+// What RepeatWatch compares.
+Vec4 Bits(double v) { return {v, 0.0, 0.0, 0.0}; }
+Vec4 Bits(const Vec3& v) { return {v.x(), v.y(), v.z(), 0.0}; }
+Vec4 Bits(const Quat& v) { return v.coeffs(); }
+
 }  // namespace
 
 std::string_view ToString(NavReject reason) noexcept {
-  constexpr std::string_view kNames[kNumNavRejects] = {"not_finite",     "sentinel", "out_of_range",
-                                                       "runs_backwards", "repeated", "too_late"};
+  constexpr std::string_view kNames[kNumNavRejects] = {
+      "not_finite", "sentinel", "out_of_range", "runs_backwards", "repeated", "too_late", "frozen"};
   return kNames[static_cast<int>(reason)];
 }
 
@@ -52,7 +55,9 @@ NavBuffer::NavBuffer(const NavBufferOptions& options)
       velocity_(At0(options.capacity)),
       depth_(At0(options.capacity)),
       altitude_(At0(options.capacity)),
-      water_(At0(options.capacity)) {}
+      water_(At0(options.capacity)) {
+  water_.may_stay = true;
+}
 
 std::size_t NavBuffer::bytes() const {
   return position_.bytes() + attitude_.bytes() + velocity_.bytes() + depth_.bytes() +
@@ -88,6 +93,8 @@ bool NavBuffer::Store(const Sample& sample, Series<Sample>* series) noexcept {
     const double late_s = SecondsFromUs(series->back().utime - sample.utime);
     if (late_s > options_.max_late_s) return Reject(NavReject::kRunsBackwards), false;
   }
+  if (!series->may_stay && !series->repeats.Take(sample.utime, Bits(sample.value)))
+    return Reject(NavReject::kFrozen), false;
   if (!series->Insert(sample)) return Reject(NavReject::kRunsBackwards), false;
   ++accepted_;
   series->num_first = std::min(series->num_first + 1, kThatConfirm);
@@ -113,9 +120,8 @@ bool NavBuffer::InsertVector(NavField field, const NavSample& sample) noexcept {
   }
   if (!stored.value.allFinite() || !stored.sigma.allFinite())
     return Reject(NavReject::kNotFinite), false;
-  const bool sentinel_velocity = field == NavField::kVelocity &&
-                                 ((stored.value.array() - kVelocitySentinel).abs() < 1e-4).any();
-  if (sentinel_velocity || (stored.sigma.array() < 0.0).any())
+  if ((field == NavField::kVelocity && IsVelocitySentinel(stored.value)) ||
+      (stored.sigma.array() < 0.0).any())
     return Reject(NavReject::kSentinel), false;
   if (stored.value.norm() > limit) return Reject(NavReject::kOutOfRange), false;
   return Store(stored, series);

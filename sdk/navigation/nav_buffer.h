@@ -11,6 +11,7 @@
 #include "rsfm/base/error.h"
 #include "rsfm/base/ring_buffer.h"
 #include "rsfm/navigation/nav_sample.h"
+#include "rsfm/navigation/repeat_watch.h"
 
 namespace rsfm {
 
@@ -34,8 +35,9 @@ enum class NavReject : std::uint8_t {
   kRunsBackwards,  // older than the newest of its kind by more than max_late_s
   kRepeated,       // same time as a stored one of its kind
   kTooLate,        // older than the horizon: what it could tell has been summed up already
+  kFrozen,         // the value before it, to the last bit, once more than chance allows
 };
-inline constexpr int kNumNavRejects = 6;
+inline constexpr int kNumNavRejects = 7;
 std::string_view ToString(NavReject reason) noexcept;  // "not_finite", ...
 
 // The body's motion between two times. Its rotation is `end * start.conjugate()`.
@@ -66,6 +68,8 @@ class NavBuffer {
   // kFarAheadUs beyond all others of its kind is not believed (kOutOfRange) before the third in a
   // row says so: whatever comes after it would run backwards. The first two of a kind have nothing
   // to be held against: one that is as far from them starts the kind anew.
+  // A sensor that has stopped is refused from its third or fourth repeated value on, by
+  // RepeatWatch; water may stay as it is.
   std::uint32_t Insert(const NavSample& sample) noexcept;
   std::uint64_t rejected(NavReject reason) const {
     return rejected_[static_cast<std::size_t>(reason)];
@@ -131,13 +135,15 @@ class NavBuffer {
 
   explicit NavBuffer(const NavBufferOptions& options);
   void Reject(NavReject reason) { ++rejected_[static_cast<std::size_t>(reason)]; }
-  // The measurements of one kind, and what is known of their clock.
+  // The measurements of one kind, and what is known of their clock and of how they repeat.
   template <class Sample>
   struct Series : TimedRingBuffer<Sample> {
     using TimedRingBuffer<Sample>::TimedRingBuffer;
     int num_first = 0;  // taken since the start, as far as that matters
     Utime ahead = 0;    // the last that was too far ahead
     int num_ahead = 0;  // in a row
+    RepeatWatch repeats;
+    bool may_stay = false;  // the same for hours: no fault
   };
   template <class Sample>
   static bool IsBelieved(Utime utime, Series<Sample>* series) noexcept;

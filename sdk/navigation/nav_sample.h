@@ -46,4 +46,9 @@ struct NavSample {
   void Clear(NavField field) { valid &= ~static_cast<std::uint32_t>(field); }
 };
 
+// RDI-style logs mark a missing velocity by the smallest 16-bit integer in mm/s.
+inline bool IsVelocitySentinel(const Vec3& velocity_mps) {
+  return ((velocity_mps.array() + 32.768).abs() < 1e-4).any();
+}
+
 }  // namespace rsfm

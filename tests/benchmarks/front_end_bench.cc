@@ -177,6 +177,7 @@ void Video(benchmark::State& state) {
 void Stills(benchmark::State& state) {
   MapperOptions options;
   options.descriptor = static_cast<DescriptorType>(state.range(0));
+  options.sift_first_octave = static_cast<int>(state.range(1));
   const auto front_end = std::move(*FrontEnd::Create(options, kWidth, kHeight));
   std::vector<double> ms;
   std::size_t features = 0;
@@ -198,8 +199,10 @@ void Stills(benchmark::State& state) {
 BENCHMARK(Follow)->Arg(300)->Arg(600)->Unit(benchmark::kMillisecond);
 BENCHMARK(Video)->Arg(0)->Arg(3)->Unit(benchmark::kMillisecond)->Iterations(1);
 BENCHMARK(Stills)
-    ->Arg(static_cast<int>(DescriptorType::kSift))
-    ->Arg(static_cast<int>(DescriptorType::kOrb))
+    ->ArgNames({"descriptor", "first_octave"})
+    ->Args({static_cast<int>(DescriptorType::kSift), -1})
+    ->Args({static_cast<int>(DescriptorType::kSift), 0})
+    ->Args({static_cast<int>(DescriptorType::kOrb), -1})
     ->Unit(benchmark::kMillisecond)
     ->Iterations(1);
 

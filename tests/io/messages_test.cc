@@ -222,6 +222,63 @@ TEST(NavMessagesTest, WhatHasNoTimeIsRefusedAndCounted) {
   }
 }
 
+// Beside a lever arm the body's depth moves with the attitude, though the sensor has stopped.
+TEST(NavMessagesTest, ASensorThatHasStoppedIsRefusedAsItMeasured) {
+  Rig rig;
+  rig.sensors.depth_in_body_m = {2, 0, 0};
+  rig.sensors.dvl_in_body_m = {1, 0, 0.5};
+  NavConverter converter(rig);
+  NavSample sample;
+  ahrs_t ahrs = {};
+  ahrs.valid = int{ahrs_t::VALID_ATTITUDE} | int{ahrs_t::VALID_ROTATION_RATE};
+  depth_t depth = {};
+  depth.valid = 1;
+  dvl_t dvl = {};
+  dvl.valid = int{dvl_t::VALID_VELOCITY} | int{dvl_t::VALID_ALTITUDE};
+  int num_depths = 0, num_logs = 0;
+  for (int i = 0; i < 1200; ++i) {
+    const double pitch = 0.1 * std::sin(0.1 * i);
+    ahrs.utime = depth.utime = dvl.utime = 100'000 * (i + 1);
+    ahrs.ned_from_body_q[0] = std::cos(0.5 * pitch);
+    ahrs.ned_from_body_q[2] = std::sin(0.5 * pitch);
+    ahrs.rotation_rate_radps[1] = 0.1 * std::cos(0.1 * i);
+    ASSERT_TRUE(converter.Convert(ahrs, &sample));
+    if (i < 1000) {
+      depth.depth_m = 5.0 + 1e-3 * i;
+      dvl.velocity_body_mps[0] = 1e-3 * i;
+      dvl.altitude_m = 3.0 + 1e-3 * i;
+    }
+    num_depths += converter.Convert(depth, &sample);
+    num_logs += converter.Convert(dvl, &sample);
+    // The same messages once more are no repetition.
+    static_cast<void>(converter.Convert(depth, &sample));
+    static_cast<void>(converter.Convert(dvl, &sample));
+  }
+  EXPECT_EQ(num_depths, 1003);
+  EXPECT_EQ(num_logs, 1003);
+  EXPECT_EQ(converter.rejected(NavReject::kFrozen), 2u * 3u * 197u);
+}
+
+// The turn rate times the lever arm would make a speed of it.
+TEST(NavMessagesTest, ALogsMarkForNoVelocityIsKnownBesideALeverArm) {
+  Rig rig;
+  rig.sensors.dvl_in_body_m = {1, 0, 0.5};
+  NavConverter converter(rig);
+  NavSample sample;
+  ahrs_t ahrs = {};
+  ahrs.utime = 1000;
+  ahrs.valid = int{ahrs_t::VALID_ATTITUDE} | int{ahrs_t::VALID_ROTATION_RATE};
+  ahrs.ned_from_body_q[0] = 1.0;
+  ahrs.rotation_rate_radps[1] = 0.2;
+  ASSERT_TRUE(converter.Convert(ahrs, &sample));
+  dvl_t dvl = {};
+  dvl.utime = 1000;
+  dvl.valid = int{dvl_t::VALID_VELOCITY};
+  for (double& v : dvl.velocity_body_mps) v = -32.768;
+  EXPECT_FALSE(converter.Convert(dvl, &sample));
+  EXPECT_EQ(converter.rejected(NavReject::kSentinel), 1u);
+}
+
 TEST(NavMessagesTest, LeverArmsAreRemoved) {
   Rig rig;
   rig.sensors.dvl_in_body_m = {1, 0, 0.5};

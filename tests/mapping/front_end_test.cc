@@ -44,10 +44,17 @@ Bias BiasOf(std::span<const Feature> features, const BlobImage& image) {
 // The convention of pixels: half a pixel of error would be three times the tolerance.
 TEST(FrontEnd, FindsBlobsWhereTheyAre) {
   const BlobImage image;
-  for (const auto& [type, tolerance_px] : std::map<DescriptorType, double>{
-           {DescriptorType::kSift, 0.06}, {DescriptorType::kAkaze, 0.15}}) {
+  struct Case {
+    DescriptorType type;
+    int first_octave;
+    double tolerance_px;
+  };
+  for (const auto& [type, first_octave, tolerance_px] :
+       {Case{DescriptorType::kSift, -1, 0.06}, Case{DescriptorType::kSift, 0, 0.06},
+        Case{DescriptorType::kAkaze, -1, 0.15}}) {
     MapperOptions options;
     options.descriptor = type;
+    options.sift_first_octave = first_octave;
     const auto front_end = Make(options);
     const auto frame = front_end->Process(image.View(), 1, {});
     ASSERT_TRUE(frame.has_value());

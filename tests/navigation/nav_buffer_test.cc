@@ -155,6 +155,40 @@ TEST(NavBuffer, RefusesAndCountsBadValues) {
   EXPECT_EQ(nav.Insert(mixed), static_cast<std::uint32_t>(NavField::kDepth));
 }
 
+// Each kind on its own; the water may stay as it is.
+TEST(NavBuffer, ASensorThatHasStoppedIsRefused) {
+  NavBuffer nav = MakeBuffer(4096);
+  Rng rng(5);
+  NavSample s;
+  for (const NavField field : {NavField::kPosition, NavField::kAttitude, NavField::kVelocity,
+                               NavField::kDepth, NavField::kAltitude, NavField::kWater})
+    s.Set(field);
+  s.temperature_c = 8.0;
+  s.salinity_psu = 35.0;
+  const auto noise = [&] { return Vec3(rng.Gaussian(), rng.Gaussian(), rng.Gaussian()); };
+  const auto insert = [&](int i) {
+    s.utime = UsFromSeconds(0.1 * i);
+    return nav.Insert(s);
+  };
+  for (int i = 0; i < 1000; ++i) {
+    s.position_ned_m = noise();
+    s.ned_from_body = ExpSo3(0.01 * noise());
+    s.velocity_body_mps = 0.01 * noise();
+    s.depth_m = 5.0 + 0.01 * rng.Gaussian();
+    s.altitude_m = 3.0 + 0.01 * rng.Gaussian();
+    ASSERT_EQ(insert(i), s.valid) << i;
+  }
+  for (int i = 1000; i < 1300; ++i) {
+    const bool is_late = i >= 1003;
+    EXPECT_EQ(insert(i), is_late ? static_cast<std::uint32_t>(NavField::kWater) : s.valid) << i;
+  }
+  EXPECT_EQ(nav.rejected(NavReject::kFrozen), 5u * 297u);
+  EXPECT_EQ(nav.At(UsFromSeconds(115.0)).valid, static_cast<std::uint32_t>(NavField::kWater));
+  s.depth_m = 5.5;
+  EXPECT_EQ(insert(1300), static_cast<std::uint32_t>(NavField::kDepth) |
+                              static_cast<std::uint32_t>(NavField::kWater));
+}
+
 // What comes after a time from the future would all run backwards.
 TEST(NavBuffer, OneTimeFromTheFutureIsNotBelieved) {
   NavBuffer nav = MakeBuffer();

@@ -25,9 +25,8 @@ struct FitResidual {
 
 }  // namespace
 
-std::optional<AnyCamera> FitWithDistortion(const AnyCamera& camera) {
+std::optional<AnyCamera> FitWithDistortion(const AnyCamera& camera, double range_m) {
   constexpr int kColumns = 40, kRows = 25;
-  constexpr double kRange = 5.0;
   const auto start = FitPerspective(camera);
   if (!start) return std::nullopt;
   std::array<double, 8> params = {start->fx, start->fy, start->cx, start->cy, 0.0, 0.0, 0.0, 0.0};
@@ -39,7 +38,7 @@ std::optional<AnyCamera> FitWithDistortion(const AnyCamera& camera) {
       Ray3 ray;
       if (camera.Backproject(pixel, &ray) != Projection::kOk) continue;
       problem.AddResidualBlock(new ceres::AutoDiffCostFunction<FitResidual, 2, 8>(
-                                   new FitResidual{ray.At(kRange), pixel}),
+                                   new FitResidual{ray.At(range_m), pixel}),
                                nullptr, params.data());
     }
   }

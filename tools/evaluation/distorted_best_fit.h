@@ -7,9 +7,9 @@
 
 namespace rsfm {
 
-// With distortion, OPENCV's, fitted to points at 5 m: no pinhole comes within the inliers' 4 px of
-// a wide view through a flat port. None where the fit fails.   [She 2024, arXiv:2403.08640,
+// With distortion, OPENCV's, fitted to points at that range: no pinhole comes within the inliers'
+// 4 px of a wide view through a flat port. None where the fit fails.   [She 2024, arXiv:2403.08640,
 // "Relative Pose Estimation"]
-std::optional<AnyCamera> FitWithDistortion(const AnyCamera& camera);
+std::optional<AnyCamera> FitWithDistortion(const AnyCamera& camera, double range_m = 5.0);
 
 }  // namespace rsfm

@@ -213,7 +213,8 @@ IoStatus MissionPublisher::PublishLandmarks(Utime utime, Map* map) {
 
 std::array<std::int64_t*, kNumNavRejects> NavReasons(status_t* status) {
   return {&status->nav_not_finite,     &status->nav_sentinel, &status->nav_out_of_range,
-          &status->nav_runs_backwards, &status->nav_repeated, &status->nav_too_late};
+          &status->nav_runs_backwards, &status->nav_repeated, &status->nav_too_late,
+          &status->nav_frozen};
 }
 
 namespace {

@@ -108,6 +108,7 @@ void PrintStatus(const status_t& status) {
                                 {"running backwards", status.nav_runs_backwards},
                                 {"repeated", status.nav_repeated},
                                 {"too late", status.nav_too_late},
+                                {"frozen", status.nav_frozen},
                                 {"messages without a usable field", status.nav_unusable},
                                 {"outliers", status.nav_outliers}});
   std::printf(
