@@ -23,7 +23,7 @@ TEST(MapperOptions, EveryNumberIsCheckedByName) {
           if constexpr (std::is_same_v<T, double>) {
             member = std::numeric_limits<double>::quiet_NaN();
           } else {
-            member = -1;
+            member = -1000;
           }
         }
       });
