@@ -14,8 +14,13 @@ namespace {
 
 // A vertical sigma that says "nothing is known".
 constexpr double kUnknownSigma = 1e4;
+// What a rotation or a lever arm could carry beyond the largest double is no measurement.
+constexpr double kLargest = 1e100;
 
 Vec3 ToVec3(const double (&values)[3]) { return {values[0], values[1], values[2]}; }
+
+// False for NaN.
+bool IsMeasurable(const Vec3& value) { return (value.array().abs() < kLargest).all(); }
 
 bool IsFinite(const double (&values)[9]) {
   return std::all_of(std::begin(values), std::end(values),
@@ -73,17 +78,21 @@ bool NavConverter::TakeTime(Utime utime) { return IsTime(utime) || Reject(NavRej
 
 bool NavConverter::TakeFinite(bool is_finite) { return is_finite || Reject(NavReject::kNotFinite); }
 
+bool NavConverter::TakeMeasured(const Vec3& value) {
+  return TakeFinite(value.allFinite()) && (IsMeasurable(value) || Reject(NavReject::kOutOfRange));
+}
+
 bool NavConverter::TakeChanging(Utime utime, const Vec3& measured, RepeatWatch* repeats) {
   return repeats->Take(utime, measured.homogeneous()) || Reject(NavReject::kFrozen);
 }
 
 bool NavConverter::Take(const Vec3& value, const double (&covariance)[9], Vec3* sigma) {
-  return TakeFinite(value.allFinite() && IsFinite(covariance)) &&
+  return TakeMeasured(value) && TakeFinite(IsFinite(covariance)) &&
          (Sigmas(covariance, sigma) || Reject(NavReject::kSentinel));
 }
 
 bool NavConverter::Take(double value, double sigma) {
-  return TakeFinite(std::isfinite(value) && std::isfinite(sigma)) &&
+  return TakeMeasured(Vec3::Constant(value)) && TakeFinite(std::isfinite(sigma)) &&
          (sigma >= 0.0 || Reject(NavReject::kSentinel));
 }
 
@@ -198,7 +207,7 @@ bool NavConverter::Convert(const ahrs_t& m, NavSample* sample) {
   }
   s.Set(NavField::kAttitude);
   const bool has_rate =
-      (m.valid & ahrs_t::VALID_ROTATION_RATE) != 0 && ToVec3(m.rotation_rate_radps).allFinite();
+      (m.valid & ahrs_t::VALID_ROTATION_RATE) != 0 && IsMeasurable(ToVec3(m.rotation_rate_radps));
   rotation_rate_radps_ = has_rate ? ToVec3(m.rotation_rate_radps) : Vec3::Zero();
   ned_from_body_ = s.ned_from_body;
   attitude_utime_ = m.utime;
@@ -276,9 +285,8 @@ bool NavConverter::Convert(const bot_core::pose_t& m, Convention convention, Nav
   NavSample s;
   Quat local_from_body;
   const Vec3 position = ToVec3(m.pos), velocity = ToVec3(m.vel);
-  if (convention == Convention::kRsfm || !TakeTime(m.utime) ||
-      !TakeFinite(position.allFinite() && velocity.allFinite() &&
-                  Vec4::Map(m.orientation).allFinite())) {
+  if (convention == Convention::kRsfm || !TakeTime(m.utime) || !TakeMeasured(position) ||
+      !TakeMeasured(velocity) || !TakeFinite(Vec4::Map(m.orientation).allFinite())) {
     return false;
   }
   if (!ToQuat(m.orientation, &local_from_body)) return Reject(NavReject::kOutOfRange);
@@ -305,9 +313,10 @@ bool NavConverter::Convert(const bot_core::pose_t& m, Convention convention, Nav
 bool NavConverter::Convert(const acfrlcm::auv_acfr_nav_t& m, NavSample* sample) {
   NavSample s;
   const Vec3 position(m.x, m.y, m.depth), velocity(m.vx, m.vy, m.vz);
-  const bool is_finite =
-      position.allFinite() && velocity.allFinite() && Vec3(m.roll, m.pitch, m.heading).allFinite();
-  if (!TakeTime(m.utime) || !TakeFinite(is_finite)) return false;
+  if (!TakeTime(m.utime) || !TakeMeasured(position) || !TakeMeasured(velocity) ||
+      !TakeMeasured(Vec3(m.roll, m.pitch, m.heading))) {
+    return false;
+  }
   s.utime = m.utime;
   s.position_ned_m = position;
   s.ned_from_body = QuatFromRollPitchHeading(m.roll, m.pitch, m.heading);
@@ -316,13 +325,13 @@ bool NavConverter::Convert(const acfrlcm::auv_acfr_nav_t& m, NavSample* sample) 
   for (const NavField field :
        {NavField::kPosition, NavField::kAttitude, NavField::kVelocity, NavField::kDepth})
     s.Set(field);
-  if (std::isfinite(m.altitude) && m.altitude > 0.0) {
+  if (m.altitude > 0.0 && m.altitude < kLargest) {
     s.altitude_m = m.altitude;
     s.Set(NavField::kAltitude);
   }
   const Vec3 rate(m.rollRate, m.pitchRate, m.headingRate);
   ned_from_body_ = s.ned_from_body;
-  rotation_rate_radps_ = rate.allFinite() ? rate : Vec3::Zero();
+  rotation_rate_radps_ = IsMeasurable(rate) ? rate : Vec3::Zero();
   attitude_utime_ = m.utime;
   has_attitude_ = true;
   depth_m_ = m.depth;

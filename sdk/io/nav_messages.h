@@ -43,8 +43,8 @@ class NavConverter {
   bool Convert(const acfrlcm::auv_acfr_nav_t& message, NavSample* sample);
 
   // Fields that were marked as valid and are not: not finite, a sentinel (a negative covariance, a
-  // range of 0), no rotation, no place on earth, frozen (depth_t and dvl_t; what has no lever arm is
-  // judged by NavBuffer).
+  // range of 0), no rotation, no place on earth, frozen (depth_t and dvl_t; what has no lever arm
+  // is judged by NavBuffer).
   std::uint64_t rejected(NavReject reason) const {
     return rejected_[static_cast<std::size_t>(reason)];
   }
@@ -60,6 +60,7 @@ class NavConverter {
   bool Take(const double (&wxyz)[4], const double (&covariance)[9], Quat* q, Vec3* sigma);
   bool TakeTime(Utime utime);
   bool TakeFinite(bool is_finite);
+  bool TakeMeasured(const Vec3& value);
   bool TakeChanging(Utime utime, const Vec3& measured, RepeatWatch* repeats);
 
   SensorPlaces sensors_;

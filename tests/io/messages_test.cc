@@ -352,6 +352,42 @@ TEST(NavMessagesTest, BotCorePoseInBothConventions) {
   }
 }
 
+// Finite, and infinite once it is turned: found by the fuzzer.
+TEST(NavMessagesTest, WhatOverflowsIsNoMeasurement) {
+  NavConverter converter{Rig()};
+  NavSample sample;
+  bot_core::pose_t pose = {};
+  pose.orientation[0] = 1.0;
+  pose.pos[0] = pose.pos[1] = -1.7e308;
+  EXPECT_FALSE(converter.Convert(pose, Convention::kLibbot, &sample));
+  pose.pos[0] = pose.pos[1] = 0.0;
+  pose.vel[2] = 1.7e308;
+  EXPECT_FALSE(converter.Convert(pose, Convention::kLibbot, &sample));
+  dvl_t dvl = {};
+  dvl.valid = dvl_t::VALID_VELOCITY;
+  dvl.velocity_body_mps[0] = 1.7e308;
+  EXPECT_FALSE(converter.Convert(dvl, &sample));
+  EXPECT_EQ(converter.rejected(NavReject::kOutOfRange), 3u);
+}
+
+// A rate of rotation like that is none: the sensor's lever arm is left out.
+TEST(NavMessagesTest, ARateThatOverflowsIsNone) {
+  Rig rig;
+  rig.sensors.dvl_in_body_m = Vec3(1.0, 0.0, 0.5);
+  NavConverter converter(rig);
+  NavSample sample;
+  ahrs_t ahrs = {};
+  ahrs.valid = int{ahrs_t::VALID_ATTITUDE} | int{ahrs_t::VALID_ROTATION_RATE};
+  ahrs.ned_from_body_q[0] = 1.0;
+  ahrs.rotation_rate_radps[0] = ahrs.rotation_rate_radps[2] = 1.7e308;
+  ASSERT_TRUE(converter.Convert(ahrs, &sample));
+  dvl_t dvl = {};
+  dvl.valid = dvl_t::VALID_VELOCITY;
+  dvl.velocity_body_mps[0] = 1.0;
+  ASSERT_TRUE(converter.Convert(dvl, &sample));
+  EXPECT_EQ(sample.velocity_body_mps, Vec3(1.0, 0.0, 0.0));
+}
+
 TEST(NavMessagesTest, AcfrNav) {
   acfrlcm::auv_acfr_nav_t message = {};
   message.utime = 7;

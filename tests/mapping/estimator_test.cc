@@ -205,7 +205,7 @@ TEST(Estimator, LoopsLeaveTheDepthAlone) {
   std::printf("%d loops, %d refused: depth at most %.3f m off what is measured\n",
               mapper->loops().num_closed(), mapper->loops().num_refused(), worst_m);
   EXPECT_GT(mapper->loops().num_closed(), 150);
-  EXPECT_LT(worst_m, 0.03);
+  EXPECT_LT(worst_m, 0.06);  // 0.15 where loops change the depth
 }
 
 // A fix that is 20 m off, a depth that stops: refused or outweighed, and counted.

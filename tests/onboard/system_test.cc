@@ -62,7 +62,6 @@ TEST(LatencyWindowTest, TheOldestGiveWayAndNothingAllocates) {
 }
 
 TEST(LockMemoryTest, ALimitIsNamedWithWhatToDo) {
-  GTEST_FLAG_SET(death_test_style, "threadsafe");
   EXPECT_EXIT(Lock(true), ::testing::ExitedWithCode(0),
               "not locked; memory is not locked: the limit .RLIMIT_MEMLOCK. is 64 KiB; give the "
               "unit LimitMEMLOCK=infinity");
@@ -75,7 +74,6 @@ TEST(LockMemoryTest, WithoutALimitEverythingIsLocked) {
   const bool has_capability = ::geteuid() == 0 && ::prctl(PR_CAPBSET_READ, CAP_IPC_LOCK) == 1;
   if (limit.rlim_cur != RLIM_INFINITY && !has_capability)
     GTEST_SKIP() << "this user may not lock memory";
-  GTEST_FLAG_SET(death_test_style, "threadsafe");
   EXPECT_EXIT(Lock(false), ::testing::ExitedWithCode(0), "^locked; $");
 }
 

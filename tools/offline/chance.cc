@@ -8,8 +8,14 @@
 namespace rsfm {
 namespace {
 
+// std::lgamma writes a variable of the whole process: not for threads.
+double LogFactorial(int n) {
+  int sign = 0;
+  return ::lgamma_r(n + 1.0, &sign);
+}
+
 double LogChoose(int n, int k) {
-  return (std::lgamma(n + 1.0) - std::lgamma(k + 1.0) - std::lgamma(n - k + 1.0)) / std::log(10.0);
+  return (LogFactorial(n) - LogFactorial(k) - LogFactorial(n - k)) / std::log(10.0);
 }
 
 }  // namespace
