@@ -132,13 +132,13 @@ void ReadBus(const YAML::Node& node, const std::string& file, std::vector<Diagno
   map.Finish();
 }
 
-// A member of MapperOptions by its type.
+// A member of MapperOptions by its type; its range is asked of MapperOptions afterwards.
 struct OptionReader {
   YamlMap* map;
 
   void operator()(const char* key, int& value) const {
     std::int64_t number = 0;
-    if (map->GetInteger(key, Need::kOptional, 0, 1 << 30, &number))
+    if (map->GetInteger(key, Need::kOptional, -(1 << 30), 1 << 30, &number))
       value = static_cast<int>(number);
   }
   void operator()(const char* key, std::uint64_t& value) const {

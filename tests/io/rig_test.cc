@@ -286,6 +286,22 @@ TEST(RigTest, MapperOptionsOutOfRangeAreNamed) {
   EXPECT_EQ(enumerated.error().fix, "give one of none, orb, sift, akaze");
 }
 
+// Every option can be given at both ends of its range; what contradicts another option is named so.
+TEST(RigTest, MapperOptionsMayBeGivenAtTheEndsOfTheirRanges) {
+  const auto text_of = [](const char* name, double value) {
+    char text[64];
+    std::snprintf(text, sizeof text, "mapper: {%s: %.17g}\n", name, value);
+    return std::string(kFlat) + text;
+  };
+  for (const OptionRange& range : MapperOptions().Ranges()) {
+    for (const double value : {range.low, range.high}) {
+      const auto rig = ParseRig(text_of(range.name, value), "rig.yaml");
+      if (rig) continue;
+      EXPECT_EQ(rig.error().problem, "contradicts another option") << ToString(rig.error());
+    }
+  }
+}
+
 TEST(RigTest, WaterConditionsStandForTheIndex) {
   const std::string water = "water: {temperature_c: 8, salinity_psu: 35, depth_m: 200}";
   const auto rig = ParseRig(Replaced(kFlat, "index_water: 1.334", water), "rig.yaml");
