@@ -128,28 +128,19 @@ void LcmBus::CountMalformed() { ++impl_->malformed; }
 void LcmBus::CountPublishError() { ++impl_->publish_errors; }
 
 NavReceiver::NavReceiver(LcmBus* bus, const Rig& rig,
-                         std::function<void(const NavSample&)> on_sample,
-                         LcmBus::RawHandler on_event)
-    : converter_(rig), on_sample_(std::move(on_sample)), on_event_(std::move(on_event)) {
-  for (const BusInput& input : rig.bus.inputs) {
-    bus->SubscribeRaw(input.channel,
-                      [this, bus, input](std::string_view channel, Utime received_utime,
-                                         std::span<const std::uint8_t> data) {
-                        if (on_event_) on_event_(channel, received_utime, data);
-                        NavSample sample;
-                        switch (converter_.Convert(input, data, &sample)) {
-                          case NavDecode::kOk:
-                            ++num_samples_;
-                            on_sample_(sample);
-                            break;
-                          case NavDecode::kMalformed:
-                            bus->CountMalformed();
-                            break;
-                          case NavDecode::kRejected:
-                            ++num_rejected_;
-                            break;
-                        }
-                      });
+                         std::function<void(const NavMessage&)> on_message)
+    : converter_(rig), on_message_(std::move(on_message)) {
+  for (std::size_t i = 0; i < rig.bus.inputs.size(); ++i) {
+    const BusInput& input = rig.bus.inputs[i];
+    bus->SubscribeRaw(input.channel, [this, bus, input, i](std::string_view, Utime received_utime,
+                                                           std::span<const std::uint8_t> data) {
+      NavSample sample;
+      const NavDecode decoded = converter_.Convert(input, data, &sample);
+      num_samples_ += decoded == NavDecode::kOk;
+      num_rejected_ += decoded == NavDecode::kRejected;
+      if (decoded == NavDecode::kMalformed) bus->CountMalformed();
+      on_message_({i, received_utime, data, decoded == NavDecode::kOk ? &sample : nullptr});
+    });
   }
 }
 

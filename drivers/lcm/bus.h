@@ -93,12 +93,19 @@ class LcmBus {
   std::unique_ptr<Impl> impl_;
 };
 
+// A message that came on one of a rig's inputs.
+struct NavMessage {
+  std::size_t input = 0;  // of rig.bus.inputs
+  Utime received_utime = 0;
+  std::span<const std::uint8_t> data;
+  const NavSample* sample = nullptr;  // null: malformed, or nothing in it is usable
+};
+
 // Listens to all inputs of a rig and turns them into samples of the body's origin.
 class NavReceiver {
  public:
-  // `on_event` sees every message before it is decoded: what a mission's log records.
-  NavReceiver(LcmBus* bus, const Rig& rig, std::function<void(const NavSample&)> on_sample,
-              LcmBus::RawHandler on_event = {});
+  // The handler sees every message, those without a sample too: a mission's log records them all.
+  NavReceiver(LcmBus* bus, const Rig& rig, std::function<void(const NavMessage&)> on_message);
   NavReceiver(const NavReceiver&) = delete;
   NavReceiver& operator=(const NavReceiver&) = delete;
 
@@ -108,8 +115,7 @@ class NavReceiver {
 
  private:
   NavConverter converter_;
-  std::function<void(const NavSample&)> on_sample_;
-  LcmBus::RawHandler on_event_;
+  std::function<void(const NavMessage&)> on_message_;
   std::int64_t num_samples_ = 0;
   std::int64_t num_rejected_ = 0;
 };

@@ -45,6 +45,7 @@ struct OnboardOptions {
   // Images.
   bool record_images = true;
   int record_every = 1;                 // of the frames, one in so many
+  bool record_lossless = false;         // as PGM instead of JPEG: replays to the same bytes
   int jpeg_quality = 90;                // 1 to 100
   std::int64_t image_quota_mb = 0;      // of one mission's images; 0: no quota
   std::int64_t min_disk_free_mb = 512;  // recording images stops below: the log needs room
@@ -85,6 +86,7 @@ template <class Options, class F>
 void ForEachOnboardOption(Options& o, F&& f) {
   f("record_images", o.record_images, 0, 1);
   f("record_every", o.record_every, 1, 1'000'000);
+  f("record_lossless", o.record_lossless, 0, 1);
   f("jpeg_quality", o.jpeg_quality, 1, 100);
   f("image_quota_mb", o.image_quota_mb, 0, 1'000'000'000);
   f("min_disk_free_mb", o.min_disk_free_mb, 0, 1'000'000'000);

@@ -43,9 +43,10 @@ struct MapperOptions {
   DescriptorType descriptor = DescriptorType::kSift;
   int max_features = 2000;        // kept of an image
   double contrast_limit = 0.0;    // CLAHE's clip limit for murky water; 0 leaves the image as it is
-  // Stills with SIFT: the octave that the search begins in. 0 takes the image as it is; -1 doubles
-  // it first, as Lowe did: details of two or three pixels are found, too, for twice the time.
-  int sift_first_octave = 0;
+  // Stills with SIFT: the octave that the search begins in. -1 doubles the image first, as Lowe did;
+  // 0 takes it as it is, for half the time, and doubles it only where it shows less than three
+  // quarters of max_features: details of two or three pixels are not found.
+  int sift_first_octave = -1;
   int grid_cell_px = 64;          // video: at least one point is sought in every cell
   int max_tracks = 600;           // video: points followed, at most max_features
   int track_window_px = 21;       // video: KLT patch

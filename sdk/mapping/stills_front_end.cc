@@ -17,17 +17,21 @@ namespace {
 class DetectorImage {
  public:
   DetectorImage(const MapperOptions& options, const GreyImage& grey)
-      : is_halved_(options.descriptor == DescriptorType::kSift && options.sift_first_octave == 0) {
-    if (!is_halved_) return;
+      : can_halve_(options.descriptor == DescriptorType::kSift && options.sift_first_octave == 0) {
+    if (!can_halve_) return;
     pyramid_ = ImagePyramid(grey.width_px(), grey.height_px(), 2, 2);
     const PyramidLevel& half = pyramid_.level(pyramid_.num_levels() - 1);
-    is_halved_ = pyramid_.num_levels() == 2;
+    can_halve_ = pyramid_.num_levels() == 2;
     mask_ = FixedVector<std::uint8_t>(static_cast<std::size_t>(half.width) *
                                       static_cast<std::size_t>(half.height));
     for (int y = 0; y < half.height; ++y)
       for (int x = 0; x < half.width; ++x)
         mask_.TryPushBack(grey.mask()[static_cast<std::size_t>(2 * y * grey.width_px() + 2 * x)]);
   }
+
+  bool can_halve() const { return can_halve_; }
+  // What the others speak of from now on.
+  void Halve(bool is_halved) { is_halved_ = is_halved; }
 
   // OpenCV takes no const data; it only reads.
   cv::Mat Pixels(const GreyImage& grey) {
@@ -54,7 +58,7 @@ class DetectorImage {
     return const_cast<std::uint8_t*>(data);
   }
 
-  bool is_halved_;
+  bool can_halve_, is_halved_ = false;
   ImagePyramid pyramid_;
   FixedVector<std::uint8_t> mask_;
 };
@@ -75,8 +79,9 @@ class StillsFrontEnd final : public FrontEnd {
   Expected<FrameObservations> Process(const ImageView& image, Utime utime,
                                       const FrameHints& /*hints*/) override try {
     if (const Status status = grey_.Take(image); !status) return tl::unexpected(status.error());
-    detector_->detectAndCompute(seen_.Pixels(grey_), seen_.Mask(grey_), keypoints_,
-                                cv_descriptors_);
+    Detect(seen_.can_halve());
+    const bool is_poor = static_cast<int>(keypoints_.size()) < options_.max_features * 3 / 4;
+    if (seen_.can_halve() && is_poor) Detect(false);
     SelectStrongest();
     for (std::size_t i = 0; i < order_.size(); ++i) {
       const cv::KeyPoint& keypoint = keypoints_[order_[i]];
@@ -104,6 +109,12 @@ class StillsFrontEnd final : public FrontEnd {
   }
 
  private:
+  void Detect(bool is_halved) {
+    seen_.Halve(is_halved);
+    detector_->detectAndCompute(seen_.Pixels(grey_), seen_.Mask(grey_), keypoints_,
+                                cv_descriptors_);
+  }
+
   // The strongest, strongest first, in an order that does not depend on the detector's.
   void SelectStrongest() {
     features_.clear();

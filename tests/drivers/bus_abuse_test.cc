@@ -20,8 +20,9 @@ class BusAbuseTest : public ::testing::Test {
     options.url = "memq://";
     options.queue_capacity = 64;
     bus_ = std::move(*LcmBus::Create(options));
-    receiver_ = std::make_unique<NavReceiver>(
-        bus_.get(), rig_, [this](const NavSample& sample) { samples_.push_back(sample); });
+    receiver_ = std::make_unique<NavReceiver>(bus_.get(), rig_, [this](const NavMessage& message) {
+      if (message.sample != nullptr) samples_.push_back(*message.sample);
+    });
   }
   // All that is on its way.
   void Drain() {

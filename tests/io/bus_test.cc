@@ -75,9 +75,13 @@ TEST(BusTest, NavReceiverTurnsInputsIntoSamples) {
   const auto bus = MemoryBus();
   std::vector<NavSample> samples;
   int num_events = 0;
-  const NavReceiver receiver(
-      bus.get(), Rig(), [&](const NavSample& s) { samples.push_back(s); },
-      [&](std::string_view, Utime, std::span<const std::uint8_t>) { ++num_events; });
+  const Rig rig;
+  const NavReceiver receiver(bus.get(), rig, [&](const NavMessage& message) {
+    ++num_events;
+    EXPECT_FALSE(message.data.empty());
+    EXPECT_EQ(rig.bus.inputs[message.input].channel, num_events < 3 ? "RSFM_DEPTH" : "RSFM_NAV");
+    if (message.sample != nullptr) samples.push_back(*message.sample);
+  });
   EXPECT_TRUE(bus->Publish("RSFM_DEPTH", Depth(7, 12.5)));
   EXPECT_TRUE(bus->Publish("RSFM_DEPTH", Depth(8, std::nan(""))));
   EXPECT_TRUE(bus->Publish("RSFM_NAV", Depth(9, 1.0)));

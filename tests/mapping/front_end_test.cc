@@ -55,6 +55,7 @@ TEST(FrontEnd, FindsBlobsWhereTheyAre) {
     MapperOptions options;
     options.descriptor = type;
     options.sift_first_octave = first_octave;
+    options.max_features = 60;  // so many there are as it is
     const auto front_end = Make(options);
     const auto frame = front_end->Process(image.View(), 1, {});
     ASSERT_TRUE(frame.has_value());
@@ -62,6 +63,25 @@ TEST(FrontEnd, FindsBlobsWhereTheyAre) {
     EXPECT_GE(bias.count, 50) << ToString(type);
     EXPECT_LT(bias.mean.norm(), tolerance_px) << ToString(type) << " " << bias.mean.transpose();
   }
+}
+
+// Where the image as it is shows too little, the result is the doubled one's.
+TEST(FrontEnd, APoorImageIsDoubled) {
+  const BlobImage image;
+  const auto features_of = [&](int first_octave, int max_features) {
+    MapperOptions options;
+    options.sift_first_octave = first_octave;
+    options.max_features = max_features;
+    const auto front_end = Make(options);
+    const auto frame = front_end->Process(image.View(), 1, {});
+    EXPECT_TRUE(frame.has_value());
+    std::vector<Vec2> pixels;
+    if (frame)
+      for (const Feature& feature : frame->features) pixels.push_back(feature.pixel());
+    return pixels;
+  };
+  EXPECT_EQ(features_of(0, 2000), features_of(-1, 2000));
+  EXPECT_NE(features_of(0, 60), features_of(-1, 60));
 }
 
 // ORB finds corners: around a blob they lie evenly, on every level of its pyramid.

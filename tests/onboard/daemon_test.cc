@@ -140,6 +140,44 @@ TEST_F(DaemonTest, AReplayIsWhatTheDeskMaps) {
   EXPECT_EQ(refined.exit_code, 0) << refined.err;
 }
 
+// Navigation from a bus, images at their own rate: whatever came when, and whatever was dropped,
+// the log of the flight replays to the same bytes.
+TEST_F(DaemonTest, AFlightReplaysByteForByte) {
+  MapRequest request;
+  request.images = Images();
+  request.rig = Images() / "rig.yaml";
+  request.out = folder_.path() / "desk";
+  ASSERT_TRUE(MapImages(request));
+  const fs::path folder = folder_.path() / "camera";  // that knows nothing of navigation
+  fs::copy(Images(), folder, fs::copy_options::recursive);
+  fs::remove(folder / "nav.csv");
+  const auto flown = RunProgram(std::string(RSFM_ONBOARD) + " " + (folder / "rig.yaml").string() +
+                                " --replay " + folder.string() + " --rate 8 --lcm-url 'file://" +
+                                (request.out / "events.lcm").string() + "?mode=r&speed=8' --out " +
+                                Out().string());
+  ASSERT_EQ(flown.exit_code, 0) << flown.err;
+  const auto mission = ReadMission(Out());
+  ASSERT_TRUE(mission) << ToString(mission.error());
+  EXPECT_GT(mission->nav.size(), 20u);
+  EXPECT_GT(mission->poses.size(), 4u);
+  const auto again = RunProgram(std::string(RSFM_TOOL) + " map --replay " + Out().string());
+  EXPECT_EQ(again.exit_code, 0) << again.out << again.err;
+  EXPECT_THAT(again.out, HasSubstr(std::to_string(mission->poses.size()) + " poses"));
+}
+
+// A pose of an image that was not kept: named, and nothing is compared with the wrong one.
+TEST_F(DaemonTest, AFlightWithoutItsImagesSaysSo) {
+  ASSERT_EQ(RunProgram(Command("--rate 0 --out " + Out().string())).exit_code, 0);
+  auto times = ReadImageTimes(Out() / "images.csv");
+  ASSERT_TRUE(times);
+  times->erase(times->begin() + 5);
+  ASSERT_TRUE(WriteImageTimes(*times, Out() / "images.csv"));
+  const auto again = RunProgram(std::string(RSFM_TOOL) + " map --replay " + Out().string());
+  EXPECT_EQ(again.exit_code, 1);
+  EXPECT_THAT(again.out, HasSubstr("5 poses the same; then event"));
+  EXPECT_THAT(again.err, HasSubstr("its image is not among the mission's"));
+}
+
 TEST_F(DaemonTest, DamagedImagesAreCountedAndTheRestIsMapped) {
   const fs::path copy = folder_.path() / "copy";
   fs::copy(Images(), copy, fs::copy_options::recursive);

@@ -40,7 +40,7 @@ class RecorderTest : public ::testing::Test {
   }
   // Image `number`, 33 ms after the one before.
   bool Record(Recorder* recorder, std::int64_t number) {
-    Recorder::Name(number, &frame_.image);
+    Recorder::Name(number, options_.record_lossless, &frame_.image);
     frame_.utime = 1'000'000 + 33'000 * number;
     now_us_ += 33'000;
     return recorder->Record(frame_, now_us_);
@@ -59,11 +59,27 @@ class RecorderTest : public ::testing::Test {
   Frame frame_;
 };
 
+// Every grey as it was: what a replay maps is what the mapper saw.
+TEST_F(RecorderTest, LosslessImagesAreThoseOfTheCamera) {
+  options_.record_lossless = true;
+  Rng rng(3);
+  for (auto& grey : frame_.grey) grey = static_cast<std::uint8_t>(rng.Uniform(0.0, 256.0));
+  const auto recorder = Make();
+  ASSERT_TRUE(Record(recorder.get(), 4));
+  const std::vector<char> bytes = BytesOf(folder_.path() / "images/0000/000004.pgm");
+  const std::string header = "P5\n64 48\n255\n";
+  ASSERT_EQ(bytes.size(), header.size() + frame_.grey.size());
+  EXPECT_EQ(std::string(bytes.data(), header.size()), header);
+  EXPECT_TRUE(std::equal(frame_.grey.begin(), frame_.grey.end(), bytes.begin() + header.size(),
+                         [](std::uint8_t a, char b) { return a == static_cast<std::uint8_t>(b); }));
+  EXPECT_EQ(recorder->bytes(), static_cast<std::int64_t>(bytes.size()));
+}
+
 TEST_F(RecorderTest, NamesAreSegmentsOfAThousand) {
   std::string name;
-  Recorder::Name(7, &name);
+  Recorder::Name(7, false, &name);
   EXPECT_EQ(name, "0000/000007.jpg");
-  Recorder::Name(12'345, &name);
+  Recorder::Name(12'345, false, &name);
   EXPECT_EQ(name, "0012/012345.jpg");
 }
 

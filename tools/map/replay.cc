@@ -99,8 +99,6 @@ class NavBetweenPoses {
 
   // Up to the next pose.
   IoStatus Load() {
-    samples_.clear();
-    next_ = 0;
     pose_utime_.reset();
     LogEvent event;
     while (true) {
@@ -110,6 +108,7 @@ class NavBetweenPoses {
       pose_t pose;
       if (event.channel == rig_.bus.pose_channel && Decode(event.data, &pose)) {
         pose_utime_ = pose.utime;
+        pose_event_ = event.number;
         return {};
       }
       for (const BusInput& input : rig_.bus.inputs) {
@@ -121,12 +120,12 @@ class NavBetweenPoses {
     }
   }
 
-  // An image that has no pose in the log was refused: what came after it then comes after it now.
-  bool HasPoseOf(Utime image) const { return pose_utime_ == image; }
-  void FeedTo(MapperFeed* feed, Utime image) {
-    const bool all = HasPoseOf(image);
-    for (; next_ < samples_.size() && (all || samples_[next_].utime <= image + kNavLeadUs); ++next_)
-      feed->AddNav(samples_[next_]);
+  // Of the image that the log goes on with; none: it has ended.
+  std::optional<Utime> pose_utime() const { return pose_utime_; }
+  std::int64_t pose_event() const { return pose_event_; }
+  void FeedTo(MapperFeed* feed) {
+    for (const NavSample& sample : samples_) feed->AddNav(sample);
+    samples_.clear();
   }
 
  private:
@@ -134,41 +133,49 @@ class NavBetweenPoses {
   NavConverter converter_;
   EventLogReader log_;
   std::vector<NavSample> samples_;
-  std::size_t next_ = 0;
   std::optional<Utime> pose_utime_;
+  std::int64_t pose_event_ = 0;
 };
 
-IoStatus Replay(const ImageList& list, MapperFeed* feed, NavBetweenPoses* nav,
-                MissionPublisher* publisher, const MapHooks& hooks, ReplayResult* result) {
+IoStatus Replay(const ImageList& list, const std::string& channel, MapperFeed* feed,
+                NavBetweenPoses* nav, MissionPublisher* publisher, const MapHooks& hooks,
+                ReplayResult* result) {
   ImageReader reader(feed->camera().width(), feed->camera().height());
-  feed->ExpectImagesUntil(list.images.back().utime);
   if (auto s = nav->Load(); !s) return s;
+  Utime last_utime = 0;
   for (const ImageTime& image : list.images) {
     if (hooks.is_interrupted && hooks.is_interrupted()) {
       result->interrupted = true;
       return {};
     }
+    if (nav->pose_utime() && *nav->pose_utime() < image.utime) {
+      result->difference = {nav->pose_event(), channel, *nav->pose_utime(),
+                            "its image is not among the mission's: it was not recorded"};
+      return {};
+    }
+    // Without a pose in the log it was refused then, or the mapper had no time for it.
+    if (nav->pose_utime() != image.utime) {
+      ++result->num_left_out;
+      continue;
+    }
     const auto view = reader.Read(list.folder / image.image);
     if (!view) return Fail(view.error());
-    nav->FeedTo(feed, image.utime);
-    const bool had_pose = nav->HasPoseOf(image.utime);
-    const auto report = feed->Process(*view, image.utime);
-    if (report) {
+    nav->FeedTo(feed);
+    feed->ExpectImagesUntil(image.utime);  // it was believed then
+    if (const auto report = feed->Process(*view, image.utime)) {
       if (auto s = publisher->PublishStep(image.image, image.utime, *report, feed->counters(),
                                           &feed->mapper());
           !s)
         return s;
     }
+    last_utime = image.utime;
     if (result->difference) return {};
-    if (had_pose) {
-      if (auto s = nav->Load(); !s) return s;
-    }
+    if (auto s = nav->Load(); !s) return s;
     ++result->num_images;
     if (hooks.progress)
       hooks.progress(result->num_images, static_cast<int>(list.images.size()), "the same");
   }
-  return publisher->PublishEnd(list.images.back().utime, feed->last(), feed->counters(),
-                               &feed->mapper());
+  return publisher->PublishEnd(last_utime, feed->last(), feed->counters(), &feed->mapper());
 }
 
 }  // namespace
@@ -188,7 +195,8 @@ IoExpected<ReplayResult> ReplayMission(const fs::path& mission, const MapHooks& 
   ComparingSink sink(rig->bus, std::move(*outputs), &result);
   NavBetweenPoses nav(*rig, std::move(*inputs));
   MissionPublisher publisher(*rig, &sink, {.publish_status = false});
-  if (auto s = Replay(*list, &*feed, &nav, &publisher, hooks, &result); !s) return Fail(s.error());
+  if (auto s = Replay(*list, rig->bus.pose_channel, &*feed, &nav, &publisher, hooks, &result); !s)
+    return Fail(s.error());
   if (result.interrupted) return result;
   if (auto s = sink.Finish(); !s) return Fail(s.error());
   return result;

@@ -17,9 +17,10 @@ struct ReplayDifference {
 };
 
 struct ReplayResult {
-  int num_images = 0;
-  std::int64_t num_poses = 0;                  // compared
-  std::int64_t num_events = 0;                 // likewise: poses, keyframes, landmarks, water
+  int num_images = 0;           // mapped again
+  int num_left_out = 0;         // without a pose in the log: refused then, or the mapper was busy
+  std::int64_t num_poses = 0;   // compared
+  std::int64_t num_events = 0;  // likewise: poses, keyframes, landmarks, water
   std::optional<ReplayDifference> difference;  // the first
   bool interrupted = false;
 };

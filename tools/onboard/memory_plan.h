@@ -4,6 +4,7 @@
 #include <cstddef>
 
 #include "rsfm/io/rig.h"
+#include "tools/onboard/nav_arrival.h"
 
 namespace rsfm {
 
@@ -25,7 +26,7 @@ inline DaemonMemory PlanDaemon(const Rig& rig) {
   const OnboardOptions& onboard = rig.onboard;
   return {count(NumFrames(onboard)) * count(rig.camera.width) * count(rig.camera.height),
           (count(onboard.bus_queue_mb + onboard.log_queue_mb) << 20) +
-              count(onboard.nav_queue) * sizeof(NavSample)};
+              count(onboard.nav_queue) * sizeof(NavArrival)};
 }
 
 }  // namespace rsfm

@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 
@@ -62,6 +63,7 @@ IoExpected<std::unique_ptr<Recorder>> Recorder::Create(const std::filesystem::pa
   ::fdatasync(fd);
   auto recorder = std::unique_ptr<Recorder>(
       new Recorder(mission, std::move(*encoder), width, std::move(disk), fd));
+  if (options.record_lossless) recorder->PreparePgm(width, height);
   recorder->SetQuality(options.jpeg_quality);
   recorder->SetLimits(options.image_quota_mb, options.min_disk_free_mb);
   return recorder;
@@ -89,10 +91,29 @@ void Recorder::SetLimits(std::int64_t quota_mb, std::int64_t min_free_mb) {
   min_free_bytes_ = min_free_mb * 1'000'000;
 }
 
-void Recorder::Name(std::int64_t number, std::string* name) {
+void Recorder::PreparePgm(int width, int height) {
+  char header[48];
+  const int bytes = std::snprintf(header, sizeof header, "P5\n%d %d\n255\n", width, height);
+  pgm_header_bytes_ = static_cast<std::size_t>(bytes);
+  pgm_.assign(header, header + bytes);
+  pgm_.resize(pgm_.size() + static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+}
+
+std::span<const std::uint8_t> Recorder::Encode(const Frame& frame) {
+  if (!pgm_.empty()) {
+    std::copy_n(frame.grey.data(), pgm_.size() - pgm_header_bytes_,
+                pgm_.data() + pgm_header_bytes_);
+    return pgm_;
+  }
+  const auto data = encoder_.Encode(frame.grey.data(), width_, quality_);
+  return data ? *data : std::span<const std::uint8_t>();
+}
+
+void Recorder::Name(std::int64_t number, bool lossless, std::string* name) {
   char text[48];
-  std::snprintf(text, sizeof text, "%04lld/%06lld.jpg",
-                static_cast<long long>(number / kImagesPerSegment), static_cast<long long>(number));
+  std::snprintf(text, sizeof text, "%04lld/%06lld.%s",
+                static_cast<long long>(number / kImagesPerSegment), static_cast<long long>(number),
+                lossless ? "pgm" : "jpg");
   name->assign(text);
 }
 
@@ -133,14 +154,14 @@ bool Recorder::Record(const Frame& frame, std::int64_t now_us) {
     ++num_failed_;
     return false;
   }
-  const auto data = encoder_.Encode(frame.grey.data(), width_, quality_);
-  if (!data || !MakeSegment(frame.image) || disk_.write(images_ / frame.image, *data) != 0) {
+  const std::span<const std::uint8_t> data = Encode(frame);
+  if (data.empty() || !MakeSegment(frame.image) || disk_.write(images_ / frame.image, data) != 0) {
     ++num_failed_;
     return Refuse("images are not recorded: the disk refuses them", now_us);
   }
   problem_ = nullptr;
   ++num_recorded_;
-  bytes_ += static_cast<std::int64_t>(data->size());
+  bytes_ += static_cast<std::int64_t>(data.size());
   rows_.append(frame.image).append(",").append(std::to_string(frame.utime)).append("\n");
   return true;
 }

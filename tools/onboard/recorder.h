@@ -1,5 +1,5 @@
-// Images of a mission as JPEG: images/0000/000000.jpg and so on, a thousand to a segment, with
-// images.csv growing behind them. What images.csv lists is whole and on the disk.
+// Images of a mission as JPEG or PGM: images/0000/000000.jpg and so on, a thousand to a segment,
+// with images.csv growing behind them. What images.csv lists is whole and on the disk.
 #pragma once
 
 #include <atomic>
@@ -7,6 +7,7 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "rsfm/io/diagnostic.h"
 #include "rsfm/io/onboard_options.h"
@@ -35,8 +36,8 @@ class Recorder {
                                                       int height, RecorderDisk disk = RealDisk());
   ~Recorder();
 
-  // "0000/000000.jpg" of the image with that number.
-  static void Name(std::int64_t number, std::string* name);
+  // "0000/000000.jpg" of the image with that number; ".pgm" where nothing may be lost.
+  static void Name(std::int64_t number, bool lossless, std::string* name);
 
   // Encodes and writes one image under its name. False, and counted, where that is not done;
   // problem() then says why. `now_us` is monotonic.
@@ -57,6 +58,9 @@ class Recorder {
  private:
   Recorder(std::filesystem::path mission, JpegEncoder encoder, int width, RecorderDisk disk,
            int table_fd);
+  void PreparePgm(int width, int height);
+  // The file's bytes, until the next call; empty: it cannot be encoded.
+  std::span<const std::uint8_t> Encode(const Frame& frame);
   bool MayRecord(std::int64_t now_us);
   bool MakeSegment(const std::string& image);
   bool Refuse(const char* problem, std::int64_t now_us);
@@ -64,6 +68,8 @@ class Recorder {
   std::filesystem::path mission_;
   std::filesystem::path images_;
   JpegEncoder encoder_;
+  std::vector<std::uint8_t> pgm_;  // its header, and room for the pixels; empty: JPEG
+  std::size_t pgm_header_bytes_ = 0;
   int width_;
   RecorderDisk disk_;
   int table_fd_ = -1;

@@ -14,6 +14,7 @@
 #include "tools/onboard/bounded_queue.h"
 #include "tools/onboard/frame_pool.h"
 #include "tools/onboard/memory_plan.h"
+#include "tools/onboard/nav_arrival.h"
 #include "tools/onboard/system.h"
 
 namespace rsfm {
@@ -35,9 +36,9 @@ struct Shared {
   }
 
   FramePool pool;
-  BoundedQueue<Frame*> frames;  // capture to mapper
-  BoundedQueue<Frame*> record;  // capture to recorder
-  BoundedQueue<NavSample> nav;  // bus (or the replayed table) to mapper
+  BoundedQueue<Frame*> frames;   // capture to mapper
+  BoundedQueue<Frame*> record;   // capture to recorder
+  BoundedQueue<NavArrival> nav;  // bus (or the replayed table) to mapper
   MessageQueue bus, log;
   LatencyWindow latency;      // mid-exposure to the published pose
   LatencyWindow bus_latency;  // the mapper's end to the published pose

@@ -29,7 +29,7 @@ void HandToRecorder(const WorkerOptions& options, std::int64_t number, Frame* fr
   if (options.is_replay) return;  // the images are there already, with names of their own
   frame->image.clear();
   if (!shared->has_recorder || number % options.rig.onboard.record_every != 0) return;
-  Recorder::Name(number, &frame->image);
+  Recorder::Name(number, options.rig.onboard.record_lossless, &frame->image);
   FramePool::Retain(frame);
   if (shared->record.TryPush(frame)) return;
   FramePool::Release(frame);
@@ -39,15 +39,16 @@ void HandToRecorder(const WorkerOptions& options, std::int64_t number, Frame* fr
 
 void HandOverNav(const WorkerOptions& options, ReplaySource* replay, std::int64_t* count,
                  Shared* shared) {
-  NavSample sample, dropped;
-  while (replay->NextNav(&sample)) {
+  NavArrival arrival, dropped;
+  arrival.has_sample = true;
+  while (replay->NextNav(&arrival.sample)) {
     ++*count;
     if (options.loses_nothing) {
-      while (!shared->nav.PushWait(sample, kWaitMs)) {
+      while (!shared->nav.PushWait(arrival, kWaitMs)) {
         shared->Beat(Worker::kCapture);
         if (shared->stop) return;
       }
-    } else if (shared->nav.PushDropOldest(sample, &dropped)) {
+    } else if (shared->nav.PushDropOldest(arrival, &dropped)) {
       ++shared->nav_overruns;
     }
   }
@@ -117,16 +118,25 @@ class MapperLoop {
     static_cast<void>(
         publisher_.PublishEnd(last_utime_, last, feed_->counters(), &feed_->mapper()));
     Report(last_utime_);
+    for (NavArrival arrival; shared_->nav.Pop(0, &arrival);) Log(arrival);  // came after the end
   }
 
  private:
   void DrainNav(std::int64_t until) {
-    NavSample sample;
-    while (num_nav_ < until && shared_->nav.Pop(0, &sample)) {
+    NavArrival arrival;
+    while (num_nav_ < until && shared_->nav.Pop(0, &arrival)) {
       ++num_nav_;
-      feed_->AddNav(sample);
-      if (options_.nav_comes_from_file) static_cast<void>(publisher_.PublishNav(sample));
+      Log(arrival);
+      if (!arrival.has_sample) continue;
+      feed_->AddNav(arrival.sample);
+      if (options_.nav_comes_from_file) static_cast<void>(publisher_.PublishNav(arrival.sample));
     }
+  }
+
+  void Log(const NavArrival& arrival) {
+    if (arrival.size == 0 || !shared_->has_log) return;
+    shared_->log.Push(options_.rig.bus.inputs[arrival.input].channel, arrival.received_utime, 0,
+                      std::span(arrival.data).first(arrival.size));
   }
 
   void Map(const Frame& frame) {
@@ -239,15 +249,23 @@ void RunBus(const WorkerOptions& options, LcmBus* bus, Shared* shared) {
 
 void RunReceive(const WorkerOptions& options, LcmBus* bus, Shared* shared) {
   SetUpThread("rsfm-receive");
-  const NavReceiver receiver(
-      bus, options.rig,
-      [shared](const NavSample& sample) {
-        NavSample dropped;
-        if (shared->nav.PushDropOldest(sample, &dropped)) ++shared->nav_overruns;
-      },
-      [shared](std::string_view channel, Utime received_utime, std::span<const std::uint8_t> data) {
-        if (shared->has_log) shared->log.Push(channel, received_utime, 0, data);
-      });
+  NavArrival arrival, dropped;
+  const NavReceiver receiver(bus, options.rig, [&](const NavMessage& message) {
+    arrival.has_sample = message.sample != nullptr;
+    if (arrival.has_sample) arrival.sample = *message.sample;
+    arrival.input = static_cast<std::uint16_t>(message.input);
+    arrival.received_utime = message.received_utime;
+    if (message.data.size() <= arrival.data.size()) {
+      arrival.size = static_cast<std::uint16_t>(message.data.size());
+      std::copy(message.data.begin(), message.data.end(), arrival.data.begin());
+    } else {
+      arrival.size = 0;
+      if (shared->has_log)
+        shared->log.Push(options.rig.bus.inputs[message.input].channel, message.received_utime, 0,
+                         message.data);
+    }
+    if (shared->nav.PushDropOldest(arrival, &dropped)) ++shared->nav_overruns;
+  });
   bool has_origin = options.rig.world.origin.has_value();
   while (!shared->stop) {
     shared->Beat(Worker::kReceive);

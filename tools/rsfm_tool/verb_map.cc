@@ -63,11 +63,14 @@ int RunReplay(const MapOptions& options) {
     return Report({Errc::kNotConverged, options.replay, "event " + std::to_string(d->event),
                    "the replay differs from the record: " + d->what,
                    "replay with the build that recorded it; if it is that one, its inputs (log, "
-                   "images, rig.yaml) are not those of the flight"});
+                   "images, rig.yaml) are not those of the flight: a camera's images are only "
+                   "where onboard.record_lossless was on"});
   }
   std::printf("%s: %d images, %lld poses and %lld events in all, the same to the last byte\n",
               options.replay.c_str(), result->num_images, count(result->num_poses),
               count(result->num_events));
+  if (result->num_left_out > 0)
+    std::printf("%d images were not mapped in the flight\n", result->num_left_out);
   return FinishStdout();
 }
 
