@@ -268,6 +268,25 @@ TEST(BendTest, FindsTheParaboloid) {
   EXPECT_NEAR(sum, found->sagitta_m, 1e-9);
 }
 
+// A few wrong points would bend a flat floor by metres; a floor that is bent stays so.
+TEST(BendTest, WhatIsFarOffIsLeftOut) {
+  Rng rng(8);
+  const Vec3 up = Vec3(0.1, -0.2, 1.0).normalized();
+  const Quat turn = Quat::FromTwoVectors(Vec3::UnitZ(), up);
+  std::vector<Vec3> bowl, points;
+  for (int i = 0; i < 2000; ++i) {
+    const Vec2 p(rng.Uniform(-20, 20), rng.Uniform(-15, 15));
+    bowl.push_back(turn * Vec3(p.x(), p.y(), 5.0 - 1e-3 * p.squaredNorm() + 0.02 * rng.Gaussian()));
+  }
+  points = bowl;
+  for (int i = 0; i < 5; ++i)
+    points.push_back(turn * Vec3(rng.Uniform(-20, 20), rng.Uniform(-15, 15), 4000.0));
+  points.push_back(turn * Vec3(9000.0, 0.0, 5.0));
+  EXPECT_GT(std::abs(FitBend(points, up)->sagitta_m - FitBend(bowl, up)->sagitta_m), 0.3);
+  EXPECT_EQ(WithoutFarOff(points, up), bowl);
+  EXPECT_TRUE(WithoutFarOff({}, up).empty());
+}
+
 TEST(BendTest, OfALineIsAlongIt) {
   std::vector<Vec3> line;
   for (int i = 0; i <= 20; ++i)

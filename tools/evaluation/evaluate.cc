@@ -78,6 +78,8 @@ std::optional<Bend> BendOf(std::vector<Vec3> points, const std::vector<Vec3>& ne
       if ((points[i] - nearest[i]).norm() <= limit_m)
         over_mesh.push_back(points[i] - up.dot(nearest[i]) * up);
     points = std::move(over_mesh);
+  } else {
+    points = WithoutFarOff(points, up);
   }
   const auto bend = FitBend(points, up);
   return bend ? std::optional(*bend) : std::nullopt;

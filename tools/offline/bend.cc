@@ -5,6 +5,37 @@
 #include <cmath>
 
 namespace rsfm {
+namespace {
+
+double MedianOf(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+std::vector<Vec3> WithoutFarOff(std::span<const Vec3> places, const Vec3& up) {
+  constexpr double kFarOff = 10.0;
+  if (places.empty()) return {};
+  std::vector<double> along[3];
+  for (const Vec3& p : places)
+    for (int axis = 0; axis < 3; ++axis) along[axis].push_back(p[axis]);
+  const Vec3 middle(MedianOf(along[0]), MedianOf(along[1]), MedianOf(along[2]));
+  const Vec3 vertical = up.normalized();
+  std::vector<double> heights, distances;
+  for (const Vec3& p : places) {
+    const double height = vertical.dot(p - middle);
+    heights.push_back(std::abs(height));
+    distances.push_back((p - middle - height * vertical).norm());
+  }
+  const double max_height = kFarOff * MedianOf(heights);
+  const double max_distance = kFarOff * MedianOf(distances);
+  std::vector<Vec3> near;
+  for (std::size_t i = 0; i < places.size(); ++i)
+    if (heights[i] <= max_height && distances[i] <= max_distance) near.push_back(places[i]);
+  return near;
+}
 
 Expected<Bend> FitBend(std::span<const Vec3> places, const Vec3& up) {
   constexpr std::size_t kMinPlaces = 6;

@@ -25,4 +25,8 @@ struct Bend {
 //   kDegenerate     `up` is zero, or the places lie within a hundredth of their height
 Expected<Bend> FitBend(std::span<const Vec3> places, const Vec3& up);
 
+// Those that are no farther from the middle of all, along `up` and across it, than ten times the
+// median distance: one point that was triangulated from a wrong match lies above a whole survey.
+std::vector<Vec3> WithoutFarOff(std::span<const Vec3> places, const Vec3& up);
+
 }  // namespace rsfm
