@@ -55,7 +55,7 @@ check "the guest's job ended well" "$(cat "$share/job.rc" 2>/dev/null || echo 1)
 check "poses" "$(number 'poses  *\([0-9]*\),') >= 6"
 check "tracked" "$(number 'of which \([0-9]*\) tracked') >= 3"
 check "keyframes" "$(number 'keyframes  *\([0-9]*\)') >= 2"
-check "navigation" "$(number 'navigation  *\([0-9]*\)') >= 30"
+check "navigation" "$(number 'navigation  *\([0-9]*\) samples') >= 30"
 check "the scale is navigation's" "$(grep -c 'scale not known' "$work/info.txt" || true) == 0"
 check "log undamaged" "$(grep -c '^damage *none' "$work/info.txt") == 1"
 check "images recorded" "$(find "$out/images" -name '*.jpg' | wc -l) >= 1"
