@@ -58,6 +58,7 @@ FrameGate::FrameGate(int width_px, int height_px, const FrameGateOptions& option
       height_(height_px),
       options_(options),
       max_gap_us_(static_cast<Utime>(1e6 * options.max_gap_s)),
+      back_us_(static_cast<Utime>(1e6 * options.back_that_confirms_s)),
       rows_(static_cast<std::size_t>(std::max(height_px, 0))),
       last_rows_(rows_.capacity()) {
   rows_.TryResize(rows_.capacity());
@@ -73,9 +74,12 @@ void FrameGate::SeeTime(Utime utime) noexcept {
 FrameVerdict FrameGate::Check(const ImageView& image, Utime utime) noexcept {
   const FrameVerdict verdict = Judge(image, utime);
   ++counts_[static_cast<int>(verdict)];
+  was_set_back_ = IsTimeGood(verdict) && has_time_ && utime < last_utime_;
+  if (was_set_back_) has_seen_ = false;
   if (IsTimeGood(verdict)) {
     last_utime_ = utime;
     has_time_ = true;
+    has_older_ = false;
     num_pending_ = 0;
   }
   num_torn_ = verdict == FrameVerdict::kTorn ? num_torn_ + 1 : 0;
@@ -98,7 +102,7 @@ FrameVerdict FrameGate::Judge(const ImageView& image, Utime utime) noexcept {
 FrameVerdict FrameGate::JudgeTime(Utime utime) noexcept {
   if (!IsTime(utime)) return FrameVerdict::kFromTheFuture;
   if (has_time_ && utime == last_utime_) return FrameVerdict::kRepeatedTime;
-  if (has_time_ && utime < last_utime_) return FrameVerdict::kOutOfOrder;
+  if (has_time_ && utime < last_utime_) return JudgeOlder(utime);
   const bool is_known = has_time_ || has_seen_;
   const bool is_near = (has_time_ && utime - last_utime_ <= max_gap_us_) ||
                        (has_seen_ && utime <= newest_seen_ + max_gap_us_);
@@ -109,6 +113,15 @@ FrameVerdict FrameGate::JudgeTime(Utime utime) noexcept {
   pending_utime_ = utime;
   return num_pending_ >= options_.images_that_confirm ? FrameVerdict::kGood
                                                       : FrameVerdict::kFromTheFuture;
+}
+
+// Late images are few, or stand among good ones.
+FrameVerdict FrameGate::JudgeOlder(Utime utime) noexcept {
+  const bool goes_on = has_older_ && utime > older_utime_ && utime - older_utime_ <= max_gap_us_;
+  if (!goes_on) older_since_ = utime;
+  older_utime_ = utime;
+  has_older_ = true;
+  return utime - older_since_ >= back_us_ ? FrameVerdict::kGood : FrameVerdict::kOutOfOrder;
 }
 
 FrameVerdict FrameGate::JudgeContents(const ImageView& image) noexcept {

@@ -41,6 +41,9 @@ struct FrameGateOptions {
   double max_gap_s = 60.0;
   int images_that_confirm = 3;  // of such a time, itself included
   int torn_that_confirm = 8;    // so many in a row: this is how the camera sees now
+  // Images that are older than the last good one, one after the other over that long: the camera's
+  // clock was set back.
+  double back_that_confirms_s = 5.0;
 };
 
 class FrameGate {
@@ -54,6 +57,9 @@ class FrameGate {
   // Judges and counts the next image. Those that are good become the image before.
   FrameVerdict Check(const ImageView& image, Utime utime) noexcept;
 
+  // That image is older than one before: it was taken because the clock was set back.
+  bool was_set_back() const { return was_set_back_; }
+
   std::int64_t count(FrameVerdict verdict) const { return counts_[static_cast<int>(verdict)]; }
   std::size_t bytes() const { return last_rows_.bytes() + rows_.bytes(); }
 
@@ -64,15 +70,18 @@ class FrameGate {
   };
   FrameVerdict Judge(const ImageView& image, Utime utime) noexcept;
   FrameVerdict JudgeTime(Utime utime) noexcept;
+  FrameVerdict JudgeOlder(Utime utime) noexcept;
   FrameVerdict JudgeContents(const ImageView& image) noexcept;
   void TakeRows(const ImageView& image) noexcept;
   bool IsTorn(const ImageView& image) noexcept;
 
   int width_, height_;
   FrameGateOptions options_;
-  Utime max_gap_us_;
+  Utime max_gap_us_, back_us_;
   Utime last_utime_ = 0, newest_seen_ = 0, pending_utime_ = 0;
-  bool has_time_ = false, has_seen_ = false, has_rows_ = false;
+  Utime older_utime_ = 0, older_since_ = 0;
+  bool has_time_ = false, has_seen_ = false, has_rows_ = false, has_older_ = false;
+  bool was_set_back_ = false;
   int num_pending_ = 0, num_torn_ = 0;
   FixedVector<Row> rows_, last_rows_;  // of this image, of the last good one
   std::array<std::int64_t, kNumFrameVerdicts> counts_{};

@@ -101,7 +101,7 @@ void IncrementalMapper::Continue(const FrameObservations& frame, SlotId keyframe
 }
 
 Status IncrementalMapper::Check(const FrameObservations& frame) const noexcept {
-  if (frame_count_ > 0 && frame.utime <= last_utime_) return Fail(Errc::kOutOfOrder, "utime");
+  if (frame.utime <= last_utime_) return Fail(Errc::kOutOfOrder, "utime");
   const DescriptorView& descriptors = frame.descriptors;
   if (descriptors.count > 0 && (descriptors.type != options_.descriptor ||
                                 Count(descriptors.count) != frame.features.size()))

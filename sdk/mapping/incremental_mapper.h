@@ -13,6 +13,7 @@
 // be placed wait, and are tried again as the map grows.
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string_view>
@@ -83,6 +84,11 @@ class IncrementalMapper {
   //                     "features": one is not finite
   Expected<StepReport> Step(const FrameObservations& frame) noexcept;
 
+  // The clock was set back to about `utime`: the next frame may be older than the last. Frames and
+  // map are forgotten, and navigation that reaches beyond it; the next world is announced by
+  // reset_counter.
+  void SetClockBack(Utime utime) noexcept;
+
   NavAid& nav() { return nav_; }
   const NavAid& nav() const { return nav_; }
   const Map& map() const { return map_; }
@@ -137,6 +143,8 @@ class IncrementalMapper {
   void CollectKeyframes(bool placed, int count, SlotId except) noexcept;
   bool has_world() const { return has_world_; }
 
+  static constexpr Utime kNoFrame = std::numeric_limits<Utime>::min();
+
   MapperOptions options_;
   AnyCamera camera_;
   WaterInUse water_;
@@ -151,7 +159,7 @@ class IncrementalMapper {
 
   StepReport report_;  // of the last frame
   std::int32_t next_keyframe_id_ = 0;
-  Utime last_utime_ = 0;
+  Utime last_utime_ = kNoFrame;
   bool has_world_ = false;
   bool has_position_ = false;  // a fix says where the world is
   KnownPose base_;             // of the last placed frame; navigation is added to it

@@ -94,6 +94,19 @@ void IncrementalMapper::FindWorld(SlotId keyframe) noexcept {
   TakeNewest(keyframe);
 }
 
+void IncrementalMapper::SetClockBack(Utime utime) noexcept {
+  BeginWorld();
+  map_.Clear();
+  placer_.ClearLandmarks();
+  adjuster_.Reset();
+  nav_.buffer().SetClockBack(utime);
+  report_.state = has_seen_ ? MapperState::kInitialising : MapperState::kWaiting;
+  report_.scale_is_metric = report_.world_is_ned = false;
+  has_world_ = has_position_ = false;
+  frames_lost_ = 0;
+  last_utime_ = kNoFrame;
+}
+
 // Whatever was said before is of another world.
 void IncrementalMapper::BeginWorld() noexcept {
   report_.world = ++report_.reset_counter;

@@ -65,6 +65,27 @@ std::size_t NavBuffer::bytes() const {
 }
 
 template <class Sample>
+void NavBuffer::BeginAnew(Series<Sample>* series) noexcept {
+  series->clear();
+  series->repeats = {};
+  series->num_first = series->num_ahead = 0;
+}
+
+void NavBuffer::SetClockBack(Utime utime) noexcept {
+  constexpr Utime kAheadUs = 2'000'000;  // of an image, that navigation may be as it is
+  horizon_ = 0;
+  const auto begin_anew = [&](auto* series) {
+    if (!series->empty() && series->back().utime > utime + kAheadUs) BeginAnew(series);
+  };
+  begin_anew(&position_);
+  begin_anew(&attitude_);
+  begin_anew(&velocity_);
+  begin_anew(&depth_);
+  begin_anew(&altitude_);
+  begin_anew(&water_);
+}
+
+template <class Sample>
 bool NavBuffer::IsBelieved(Utime utime, Series<Sample>* series) noexcept {
   if (series->empty()) return true;
   const Utime ahead_us = utime - series->back().utime;

@@ -114,6 +114,10 @@ class NavBuffer {
   // From now on samples older than this are refused as kTooLate. Those that are there stay.
   void SetHorizon(Utime horizon) { horizon_ = std::max(horizon_, horizon); }
 
+  // The clock was set back to about `utime`: there is no horizon any more, and kinds of measurement
+  // that reach beyond it begin anew.
+  void SetClockBack(Utime utime) noexcept;
+
   std::size_t bytes() const;
 
  private:
@@ -145,6 +149,8 @@ class NavBuffer {
     RepeatWatch repeats;
     bool may_stay = false;  // the same for hours: no fault
   };
+  template <class Sample>
+  static void BeginAnew(Series<Sample>* series) noexcept;
   template <class Sample>
   static bool IsBelieved(Utime utime, Series<Sample>* series) noexcept;
   template <class Sample>

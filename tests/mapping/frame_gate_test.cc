@@ -80,6 +80,37 @@ TEST(FrameGate, OneTimeFromTheFutureIsNotBelieved) {
   EXPECT_EQ(fresh.Check(View(Shot(1)), 101 * kSecond), FrameVerdict::kGood);
 }
 
+// A first stamp an hour ahead, or a clock that is set back: what comes then is the time, once it has
+// gone on for a while. Buffers that come late do not go on, or stand among those that are good.
+TEST(FrameGate, AClockThatIsSetBackIsFollowed) {
+  FrameGate gate(kWidth, kHeight);
+  gate.SeeTime(4000 * kSecond);
+  EXPECT_EQ(gate.Check(View(Shot(0)), 4000 * kSecond), FrameVerdict::kGood);
+  for (int i = 1; i <= 5; ++i)
+    EXPECT_EQ(gate.Check(View(Shot(i)), (10 + i) * kSecond), FrameVerdict::kOutOfOrder) << i;
+  EXPECT_FALSE(gate.was_set_back());
+  EXPECT_EQ(gate.Check(View(Shot(6)), 16 * kSecond), FrameVerdict::kGood);
+  EXPECT_TRUE(gate.was_set_back());
+  EXPECT_EQ(gate.Check(View(Shot(7)), 17 * kSecond), FrameVerdict::kGood);
+  EXPECT_FALSE(gate.was_set_back());
+  // The old time is from the future now.
+  EXPECT_EQ(gate.Check(View(Shot(8)), 4001 * kSecond), FrameVerdict::kFromTheFuture);
+}
+
+TEST(FrameGate, ImagesThatComeLateSetNoClockBack) {
+  FrameGate gate(kWidth, kHeight);
+  EXPECT_EQ(gate.Check(View(Shot(0)), 100 * kSecond), FrameVerdict::kGood);
+  for (int i = 1; i <= 40; ++i) {  // one old one after each good one
+    EXPECT_EQ(gate.Check(View(Shot(2 * i)), (50 + i) * kSecond), FrameVerdict::kOutOfOrder) << i;
+    EXPECT_EQ(gate.Check(View(Shot(2 * i + 1)), (100 + i) * kSecond), FrameVerdict::kGood) << i;
+  }
+  for (int i = 0; i < 40; ++i) {  // or the same few again and again
+    EXPECT_EQ(gate.Check(View(Shot(i)), (50 + i % 4) * kSecond), FrameVerdict::kOutOfOrder) << i;
+  }
+  EXPECT_EQ(gate.Check(View(Shot(99)), 141 * kSecond), FrameVerdict::kGood);
+  EXPECT_FALSE(gate.was_set_back());
+}
+
 TEST(FrameGate, WhatIsNoImageOfTheCamera) {
   FrameGate gate(kWidth, kHeight);
   const std::vector<std::uint8_t> bytes = Shot(0);

@@ -217,6 +217,34 @@ TEST(IncrementalMapper, RefusesBadFramesUnharmed) {
   EXPECT_EQ(dark->state, MapperState::kDeadReckoning);
 }
 
+// Frames of an hour ago, and navigation too: another world, mapped as if nothing had been before.
+TEST(IncrementalMapper, AClockThatIsSetBackBeginsAnotherWorld) {
+  SurveyFlight survey(TestPort::kFlat, TestOptions());
+  survey.FeedNav(20.0);
+  StepReport before;
+  for (int frame = 0; frame < 10; ++frame) before = survey.Fly(frame);
+  ASSERT_EQ(before.state, MapperState::kTracking);
+  {
+    const MallocTrap trap;
+    survey.mapper().SetClockBack(UsFromSeconds(99.0));
+    EXPECT_EQ(trap.count(), 0u);
+  }
+  EXPECT_TRUE(survey.mapper().map().keyframes().empty());
+  const std::uint64_t refused = survey.mapper().nav().buffer().rejected(NavReject::kRunsBackwards);
+  survey.FeedNav(20.0);
+  EXPECT_EQ(survey.mapper().nav().buffer().rejected(NavReject::kRunsBackwards), refused);
+  EXPECT_FALSE(survey.Fly(0).has_pose);
+  StepReport after;
+  for (int frame = 1; frame < 10; ++frame) after = survey.Fly(frame);
+  EXPECT_EQ(after.state, MapperState::kTracking);
+  EXPECT_TRUE(after.world_is_ned);
+  EXPECT_GT(after.world, before.world);
+  const Vec3 moved =
+      after.camera_from_world.OriginOfTarget() - before.camera_from_world.OriginOfTarget();
+  EXPECT_LT(moved.norm(), 0.05);
+  EXPECT_EQ(survey.heap_calls(), 0u);
+}
+
 TEST(IncrementalMapper, PlanCountsWhatIsAllocated) {
   MapperOptions options = TestOptions();
   const AnyCamera camera = TestCamera(TestPort::kFlat);

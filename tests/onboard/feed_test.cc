@@ -120,6 +120,20 @@ TEST(MapperFeed, TracksOutliveImagesThatShowNothing) {
   EXPECT_GE(both.size(), before.size() * 8 / 10);
 }
 
+// The first image has a stamp of in an hour: those that follow are older, for five seconds refused.
+TEST(MapperFeed, AWrongFirstTimeIsOvercome) {
+  auto feed = std::move(*MapperFeed::Create(VideoRig(), "rig"));
+  EXPECT_TRUE(feed.Process(View(Shot(0)), kStart + 3'600'000'000).has_value());
+  int num_refused = 0;
+  for (int i = 1; i <= 60; ++i)
+    num_refused += !feed.Process(View(Shot(i)), kStart + i * kPeriod).has_value();
+  EXPECT_EQ(num_refused, 50);
+  EXPECT_EQ(feed.counters().count(FrameVerdict::kOutOfOrder), 50);
+  EXPECT_EQ(feed.last().reset_counter, 1);
+  for (const SlotId id : feed.mapper().map().keyframes())
+    EXPECT_LT(feed.mapper().map().keyframe(id).utime, kStart + 61 * kPeriod);
+}
+
 class NoSink final : public MessageSink {
  public:
   IoStatus Take(Audience, const std::string&, Utime, std::span<const std::uint8_t>) override {

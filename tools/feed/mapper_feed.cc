@@ -64,6 +64,10 @@ std::span<const Vec2> MapperFeed::ExpectPoints(Utime utime) noexcept {
 Expected<FrameObservations> MapperFeed::Observe(const ImageView& image, Utime utime) {
   counters_.last_frame = gate_.Check(image, utime);
   ++counters_.verdicts[static_cast<int>(counters_.last_frame)];
+  if (gate_.was_set_back()) {
+    mapper_->SetClockBack(utime);
+    has_seen_ = false;
+  }
   switch (counters_.last_frame) {
     case FrameVerdict::kGood:
       return front_end_->Process(

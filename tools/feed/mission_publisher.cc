@@ -307,7 +307,8 @@ IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
   for (const SlotId id : report.placed_late) {
     if (auto s = update(id); !s) return s;
   }
-  if (!has_status_ || utime - last_status_utime_ >= 1'000'000)
+  const bool is_due = utime - last_status_utime_ >= 1'000'000 || utime < last_status_utime_;
+  if (!has_status_ || is_due)
     return PublishStatus(utime, report, counters, *mapper);
   return {};
 }
