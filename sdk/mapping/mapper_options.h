@@ -46,7 +46,7 @@ struct MapperOptions {
   // Stills with SIFT: the octave that the search begins in. -1 doubles the image first, as Lowe did;
   // 0 takes it as it is, for half the time, and doubles it only where it shows less than three
   // quarters of max_features: details of two or three pixels are not found.
-  int sift_first_octave = -1;
+  int sift_first_octave = 0;
   int grid_cell_px = 64;          // video: at least one point is sought in every cell
   int max_tracks = 600;           // video: points followed, at most max_features
   int track_window_px = 21;       // video: KLT patch

@@ -28,6 +28,7 @@ MapperOptions FrontEndOptions(const ExtractionOptions& options) {
   front_end.rhythm = Rhythm::kStills;
   front_end.descriptor = options.type;
   front_end.max_features = options.max_features;
+  front_end.sift_first_octave = -1;  // there is time for all that the image shows
   front_end.contrast_limit = options.contrast_limit;
   front_end.mask = options.mask;
   return front_end;
