@@ -185,7 +185,7 @@ void IncrementalMapper::Accept(const Placement& placement, SlotId keyframe) noex
   }
   has_world_ = true;
   frames_lost_ = 0;
-  base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
+  placed_ = base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
 }
 
 void IncrementalMapper::Extend(SlotId keyframe) noexcept {
@@ -218,7 +218,8 @@ void IncrementalMapper::CloseLoop(SlotId left) noexcept {
   const Rigid3 moved = CorrectMap(loops_, left, is_ned, &map_, &adjuster_);
   const Vec3 was_at = report_.camera_from_world.OriginOfTarget();
   report_.camera_from_world = report_.camera_from_world * moved.Inverse();
-  base_.camera_from_world = next_base_.camera_from_world = report_.camera_from_world;
+  placed_.camera_from_world = base_.camera_from_world = next_base_.camera_from_world =
+      report_.camera_from_world;
   if ((report_.camera_from_world.OriginOfTarget() - was_at).norm() > kUnnoticed_m ||
       LogSo3(moved.rotation).norm() > kUnnoticed_rad)
     jumps_.Expect();
@@ -229,7 +230,7 @@ void IncrementalMapper::TakeNewest(SlotId keyframe) noexcept {
   const Keyframe& newest = map_.keyframe(keyframe);
   report_.camera_from_world = newest.camera_from_world;
   report_.covariance = newest.covariance;
-  base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
+  placed_ = base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
 }
 
 // Navigation's pose since the last placed frame.

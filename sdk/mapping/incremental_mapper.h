@@ -124,6 +124,8 @@ class IncrementalMapper {
   void PlacePair(const InitialPair& pair) noexcept;
   void ForgetPlaced() noexcept;
   bool IsPlausible(const Placement& placement) const noexcept;
+  bool MayHaveReturned(const Placement& placement) const noexcept;
+  bool LeadsHere(const Placement& placement, Utime utime) const noexcept;
   bool AgreesWithAttitude(const Placement& placement) const noexcept;
   Expected<Placement> PlaceFrame(const FrameView& frame, SlotId keyframe) noexcept;
   Expected<Placement> Relocalise(const FrameView& frame, SlotId keyframe) noexcept;
@@ -162,7 +164,8 @@ class IncrementalMapper {
   Utime last_utime_ = kNoFrame;
   bool has_world_ = false;
   bool has_position_ = false;  // a fix says where the world is
-  KnownPose base_;             // of the last placed frame; navigation is added to it
+  KnownPose placed_;           // the last placed frame
+  KnownPose base_;             // it too; navigation is added to it
   KnownPose next_base_;  // of a long outage: takes base_'s place before navigation forgets that
   JumpWatch jumps_;
   bool has_seen_ = false;  // an image with features

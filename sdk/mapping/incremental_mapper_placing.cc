@@ -13,6 +13,20 @@ constexpr int kPlentyOfInliers = 80;  // below, older keyframes are asked as wel
 
 std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
+// Of where navigation expects the pose, from `start` on.
+bool IsNear(const Rigid3& pose, const KnownPose& expected, const Rigid3& start) {
+  const Vec3 at = expected.camera_from_world.OriginOfTarget();
+  const double miss_m = (pose.OriginOfTarget() - at).norm();
+  const double moved_m = (at - start.OriginOfTarget()).norm();
+  const double angle_rad = AngleBetween(pose.rotation, expected.camera_from_world.rotation);
+  const auto sigma = [](const Mat3& covariance) {
+    return std::sqrt(std::max(covariance.trace(), 0.0));
+  };
+  const double sigma_m = sigma(expected.covariance.bottomRightCorner<3, 3>());
+  const double sigma_rad = sigma(expected.covariance.topLeftCorner<3, 3>());
+  return miss_m < 0.1 + 0.1 * moved_m + 6.0 * sigma_m && angle_rad < 0.05 + 6.0 * sigma_rad;
+}
+
 }  // namespace
 
 // The newest `count` keyframes that have, or have not, a pose: newest first.
@@ -26,17 +40,29 @@ void IncrementalMapper::CollectKeyframes(bool placed, int count, SlotId except) 
 }
 
 // Whether a pose may be true, given what navigation says has happened since the last placed frame.
+// What is not known of that frame's own place is not the motion's: with it a bottom that repeats is
+// found metres away.
 bool IncrementalMapper::IsPlausible(const Placement& placement) const noexcept {
-  const std::optional<KnownPose> predicted = Predict(last_utime_);
+  std::optional<KnownPose> predicted = Predict(last_utime_);
   if (!predicted) return true;
-  const Vec3 at = predicted->camera_from_world.OriginOfTarget();
-  const Vec3 miss = placement.camera_from_world.OriginOfTarget() - at;
-  const double moved = (at - base_.camera_from_world.OriginOfTarget()).norm();
-  const double angle =
-      AngleBetween(placement.camera_from_world.rotation, predicted->camera_from_world.rotation);
-  const double sigma_m = std::sqrt(predicted->covariance.bottomRightCorner<3, 3>().trace());
-  const double sigma_rad = std::sqrt(predicted->covariance.topLeftCorner<3, 3>().trace());
-  return miss.norm() < 0.1 + 0.1 * moved + 6.0 * sigma_m && angle < 0.05 + 6.0 * sigma_rad;
+  const Mat6 adjoint =
+      AdjointSe3(predicted->camera_from_world * placed_.camera_from_world.Inverse());
+  predicted->covariance -= adjoint * placed_.covariance * adjoint.transpose();
+  return IsNear(placement.camera_from_world, *predicted, placed_.camera_from_world);
+}
+
+// The same of a place that was left long ago: what is not known of the way counts.
+bool IncrementalMapper::MayHaveReturned(const Placement& placement) const noexcept {
+  const std::optional<KnownPose> predicted = Predict(last_utime_);
+  return !predicted || IsNear(placement.camera_from_world, *predicted, placed_.camera_from_world);
+}
+
+// The same of a keyframe of before, against the frame that has its pose now.
+bool IncrementalMapper::LeadsHere(const Placement& placement, Utime utime) const noexcept {
+  if (!report_.scale_is_metric) return true;
+  const KnownPose start{utime, placement.camera_from_world, Mat6::Zero()};
+  const auto expected = MoveOn(start, last_utime_, nav_, nav_errors());
+  return !expected || IsNear(report_.camera_from_world, *expected, start.camera_from_world);
 }
 
 // From the cheapest to the widest search; the first that finds plenty, else the best there was.
@@ -114,7 +140,7 @@ Expected<Placement> IncrementalMapper::Relocalise(const FrameView& frame,
   candidates_.TryPushBack(*place);
   placer_.MatchWith(map_, frame, candidates_.span());
   const auto placement = placer_.Place(map_, frame, seed);
-  if (!placement || !IsPlausible(*placement) || !AgreesWithAttitude(*placement)) {
+  if (!placement || !MayHaveReturned(*placement) || !AgreesWithAttitude(*placement)) {
     placer_.ClearLandmarks();
     map_.EraseKeyframe(*place);
     return failed;
@@ -141,8 +167,8 @@ void IncrementalMapper::PlaceWaiting(SlotId newest) noexcept {
     CollectKeyframes(true, options_.match_keyframes, id);
     placer_.MatchWith(map_, old, candidates_.span());
     const auto placement = placer_.Place(map_, old, options_.seed + frame_count_);
-    if (!placement) continue;
     Keyframe& keyframe = map_.keyframe(id);
+    if (!placement || !LeadsHere(*placement, keyframe.utime)) continue;
     keyframe.is_placed = true;
     keyframe.camera_from_world = placement->camera_from_world;
     keyframe.covariance = placement->covariance + map_.keyframe(newest).covariance;
