@@ -36,10 +36,10 @@ TEST(MapperStates, DeadReckonsThroughAnOutageAndReturnsWithoutAJump) {
 
 // Tiles, ripples, mussel beds: what comes after an outage looks exactly like what was mapped before
 // it. Only navigation tells them apart.
-TEST(MapperStates, IsNotDrawnBackToABottomThatLooksTheSame) {
+void FlyOverALookAlike(const MapperOptions& options) {
   FeatureWorldOptions look_alike;
   look_alike.repeat_m = 6.0;
-  SurveyFlight survey(TestPort::kFlat, TestOptions(), look_alike);
+  SurveyFlight survey(TestPort::kFlat, options, look_alike);
   survey.FeedNav(50.0);
   int tracked_after = 0;
   Vec3 offset = Vec3::Zero();
@@ -56,6 +56,15 @@ TEST(MapperStates, IsNotDrawnBackToABottomThatLooksTheSame) {
     tracked_after += frame >= 22 && report.state == MapperState::kTracking;
   }
   EXPECT_GE(tracked_after, 15);
+}
+
+TEST(MapperStates, IsNotDrawnBackToABottomThatLooksTheSame) { FlyOverALookAlike(TestOptions()); }
+
+// What is not known of the heading makes the world's place uncertain by metres, not the motion.
+TEST(MapperStates, NorWhereTheHeadingIsHardlyKnown) {
+  MapperOptions options = TestOptions();
+  options.heading_bias_sigma_deg = 20.0;
+  FlyOverALookAlike(options);
 }
 
 // The same without navigation is what the test above is worth: the wrong place is taken.
