@@ -124,7 +124,6 @@ class IncrementalMapper {
   void PlacePair(const InitialPair& pair) noexcept;
   void ForgetPlaced() noexcept;
   bool IsPlausible(const Placement& placement) const noexcept;
-  bool MayHaveReturned(const Placement& placement) const noexcept;
   bool LeadsHere(const Placement& placement, Utime utime) const noexcept;
   bool AgreesWithAttitude(const Placement& placement) const noexcept;
   Expected<Placement> PlaceFrame(const FrameView& frame, SlotId keyframe) noexcept;
@@ -142,6 +141,7 @@ class IncrementalMapper {
     return {adjuster_.nav_states(), adjuster_.nav_state_covariance()};
   }
   std::optional<KnownPose> Predict(Utime utime) const noexcept;
+  std::optional<KnownPose> PredictMotion() const noexcept;
   void CollectKeyframes(bool placed, int count, SlotId except) noexcept;
   bool has_world() const { return has_world_; }
 

@@ -39,22 +39,22 @@ void IncrementalMapper::CollectKeyframes(bool placed, int count, SlotId except) 
   }
 }
 
-// Whether a pose may be true, given what navigation says has happened since the last placed frame.
-// What is not known of that frame's own place is not the motion's: with it a bottom that repeats is
-// found metres away.
-bool IncrementalMapper::IsPlausible(const Placement& placement) const noexcept {
+// Where navigation expects the frame; the covariance is of the motion since the last placed frame
+// alone. With what is not known of that frame's own place a bottom that repeats is found metres
+// away.
+std::optional<KnownPose> IncrementalMapper::PredictMotion() const noexcept {
   std::optional<KnownPose> predicted = Predict(last_utime_);
-  if (!predicted) return true;
+  if (!predicted) return std::nullopt;
   const Mat6 adjoint =
       AdjointSe3(predicted->camera_from_world * placed_.camera_from_world.Inverse());
   predicted->covariance -= adjoint * placed_.covariance * adjoint.transpose();
-  return IsNear(placement.camera_from_world, *predicted, placed_.camera_from_world);
+  return predicted;
 }
 
-// The same of a place that was left long ago: what is not known of the way counts.
-bool IncrementalMapper::MayHaveReturned(const Placement& placement) const noexcept {
-  const std::optional<KnownPose> predicted = Predict(last_utime_);
-  return !predicted || IsNear(placement.camera_from_world, *predicted, placed_.camera_from_world);
+// Whether a pose may be true, given what navigation says has happened since the last placed frame.
+bool IncrementalMapper::IsPlausible(const Placement& placement) const noexcept {
+  const std::optional<KnownPose> expected = PredictMotion();
+  return !expected || IsNear(placement.camera_from_world, *expected, placed_.camera_from_world);
 }
 
 // The same of a keyframe of before, against the frame that has its pose now.
@@ -129,7 +129,7 @@ Expected<Placement> IncrementalMapper::Relocalise(const FrameView& frame,
   const auto failed = Fail(Errc::kNotEnoughInliers, "places");
   if (!keyframe.valid()) return failed;
   const std::uint64_t seed = options_.seed + frame_count_;
-  const std::optional<KnownPose> expected = Predict(last_utime_);
+  std::optional<KnownPose> expected = PredictMotion();
   const KnownPose* expected_or_null = expected ? &*expected : nullptr;
   const auto recognised = loops_.Recognise(map_, frame, expected_or_null, seed);
   if (!recognised) return failed;
@@ -140,13 +140,19 @@ Expected<Placement> IncrementalMapper::Relocalise(const FrameView& frame,
   candidates_.TryPushBack(*place);
   placer_.MatchWith(map_, frame, candidates_.span());
   const auto placement = placer_.Place(map_, frame, seed);
-  if (!placement || !MayHaveReturned(*placement) || !AgreesWithAttitude(*placement)) {
+  const auto may_be_there = [&] {
+    if (!expected) return true;
+    KnownPose from_place = *expected;
+    from_place.covariance.diagonal() += recognised->way_variance;
+    return IsNear(placement->camera_from_world, from_place, placed_.camera_from_world);
+  };
+  if (!placement || !may_be_there() || !AgreesWithAttitude(*placement)) {
     placer_.ClearLandmarks();
     map_.EraseKeyframe(*place);
     return failed;
   }
   map_.keyframe(keyframe).camera_from_world = placement->camera_from_world;
-  loops_.Anchor(map_, keyframe, *recognised, expected_or_null, base_);
+  loops_.Anchor(map_, keyframe, *recognised, expected_or_null);
   if (!expected) jumps_.Expect();
   report_.recognised_keyframe = recognised->place.keyframe_id;
   return placement;

@@ -34,10 +34,10 @@ PoseGraphOptions GraphOptions(const MapperOptions& options) {
 // Of a left perturbation of camera_from_world, as a turn and a shift along the world's axes.
 Mat6 AlongWorld(const Mat6& covariance, const Rigid3& world_from_camera) {
   const Mat3 rotation = world_from_camera.rotation.toRotationMatrix();
-  Mat6 turned = Mat6::Zero();
-  turned.topLeftCorner<3, 3>() = rotation * covariance.topLeftCorner<3, 3>() * rotation.transpose();
-  turned.bottomRightCorner<3, 3>() =
-      rotation * covariance.bottomRightCorner<3, 3>() * rotation.transpose();
+  Mat6 turned;
+  for (const int i : {0, 3})
+    for (const int j : {0, 3})
+      turned.block<3, 3>(i, j) = rotation * covariance.block<3, 3>(i, j) * rotation.transpose();
   return turned;
 }
 
@@ -78,25 +78,39 @@ bool LoopCloser::IsFarFrom(const Rigid3& pose, const Rigid3& told) noexcept {
 }
 
 // As the odometry has it by experience, or as the pose's own covariance grows where that is more:
-// through an outage.
+// through an outage. What grows only because the step is taken under a heading that was uncertain
+// before is not the link's.
 Vec6 LoopCloser::LinkVariance(const Keyframe& keyframe, const Rigid3& world_from_camera) noexcept {
   const Mat6 covariance = AlongWorld(keyframe.covariance, world_from_camera);
   Vec6 variance = Vec6::Ones();
   if (graph_.size() > 0) {
-    const double step =
-        (world_from_camera.translation - graph_.world_from_camera(graph_.size() - 1).translation)
-            .norm();
+    const Vec3 moved =
+        world_from_camera.translation - graph_.world_from_camera(graph_.size() - 1).translation;
+    const double step = moved.norm();
     Vec6 sigma;
     sigma << kTurn, kTurn, kTurn, kShift, kShift, kShift;
     if (held_.level) sigma.head<2>().setConstant(kHeldTilt);
     if (held_.depth) sigma[5] = kHeldDepth;
     variance = std::max(step, kMinStep_m) * sigma.cwiseAbs2();
-    const Vec6 growth = (covariance - last_covariance_).diagonal();
+    Mat6 carried = Mat6::Identity();
+    carried.bottomLeftCorner<3, 3>() = -Hat(moved);
+    const Vec6 growth = (covariance - carried * last_covariance_ * carried.transpose()).diagonal();
     const int grows = held_.depth ? 2 : 3;
     variance.segment(3, grows) = variance.segment(3, grows).cwiseMax(growth.segment(3, grows));
   }
   last_covariance_ = covariance;
   return variance;
+}
+
+// Of the way since that node, as seen from its end: what is not known of a turn then moves it by
+// all that lies between.
+Vec6 LoopCloser::WayVariance(int node) const noexcept {
+  Vec6 sum = Vec6::Zero();
+  for (int i = node + 1; i < graph_.size(); ++i) sum += graph_.variance(i);
+  const Vec3 between = graph_.world_from_camera(graph_.size() - 1).translation -
+                       graph_.world_from_camera(node).translation;
+  sum.tail<3>().array() += sum.head<3>().maxCoeff() * between.squaredNorm();
+  return sum;
 }
 
 // The oldest quarter of the way is forgotten.
@@ -265,8 +279,9 @@ std::span<const PlaceArchive::Place> LoopCloser::LookAt(const Map& map, const Fr
     if (expected != nullptr) {
       const Vec3 away = graph_.world_from_camera(place.node).translation -
                         expected->camera_from_world.OriginOfTarget();
-      const double sigma = std::sqrt(expected->covariance.bottomRightCorner<3, 3>().trace());
-      if (away.norm() > kReach * place.range_m + 3.0 * sigma) continue;
+      const double variance = expected->covariance.bottomRightCorner<3, 3>().trace() +
+                              WayVariance(place.node).tail<3>().sum();
+      if (away.norm() > kReach * place.range_m + 3.0 * std::sqrt(variance)) continue;
     }
     const bool is_in_map =
         std::any_of(map.keyframes().begin(), map.keyframes().end(),
@@ -295,13 +310,14 @@ std::optional<LoopCloser::Recognised> LoopCloser::Recognise(const Map& map, cons
   for (const PlaceArchive::Place& place : LookAt(map, frame, expected)) {
     const auto seen = places_.Match(frame, place, seed);
     if (!seen || seen->num_inliers < enough) continue;
-    return Recognised{place, graph_.world_from_camera(place.node).Inverse(), *seen};
+    return Recognised{place, graph_.world_from_camera(place.node).Inverse(), *seen,
+                      WayVariance(place.node)};
   }
   return std::nullopt;
 }
 
 void LoopCloser::Anchor(const Map& map, SlotId id, const Recognised& recognised,
-                        const KnownPose* expected, const KnownPose& last_placed) noexcept {
+                        const KnownPose* expected) noexcept {
   constexpr double kUnknown_rad = 1.0, kUnknown_m = 100.0;
   const Keyframe& keyframe = map.keyframe(id);
   if (anchored_.full()) return;
@@ -315,10 +331,7 @@ void LoopCloser::Anchor(const Map& map, SlotId id, const Recognised& recognised,
   if (expected != nullptr) {
     const Rigid3 expected_in_world = expected->camera_from_world.Inverse();
     anchored.unmoved_from_world = expected_in_world * keyframe.camera_from_world;
-    anchored.variance =
-        (AlongWorld(expected->covariance, expected_in_world) -
-         AlongWorld(last_placed.covariance, last_placed.camera_from_world.Inverse()))
-            .diagonal();
+    anchored.variance = AlongWorld(expected->covariance, expected_in_world).diagonal();
   }
   anchored_.TryPushBack(anchored);
 }

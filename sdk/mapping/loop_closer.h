@@ -38,12 +38,14 @@ class LoopCloser {
   bool Add(const Map& map, SlotId keyframe, const Held& held) noexcept;
 
   // The place that the frame shows, which is not in the map: among those that may be seen from
-  // where it is expected; `expected` null: among all, and not on a few matches. Takes as long as
-  // kPlacesPerLook first looks and kCandidates searches by RANSAC.
+  // where it is expected, by what is not known of the way since and of the motion since the last
+  // placed frame (`expected`'s covariance); null: among all, and not on a few matches. Takes as
+  // long as kPlacesPerLook first looks and kCandidates searches by RANSAC.
   struct Recognised {
     PlaceArchive::Place place;
     Rigid3 place_from_world;
     PlaceArchive::Sighting sighting;
+    Vec6 way_variance = Vec6::Zero();  // from there to the end of the way: turns, shifts
   };
   std::optional<Recognised> Recognise(const Map& map, const FrameView& frame,
                                       const KnownPose* expected, std::uint64_t seed) noexcept;
@@ -55,7 +57,7 @@ class LoopCloser {
   // nothing did): a loop, closed when the keyframe comes to be the newest of the way. The way
   // before it takes its part of the difference then.
   void Anchor(const Map& map, SlotId keyframe, const Recognised& recognised,
-              const KnownPose* expected, const KnownPose& last_placed) noexcept;
+              const KnownPose* expected) noexcept;
 
   // By the last loop: new_world_from_world of that keyframe, of the newest one where it is unknown.
   Rigid3 Correction(std::int32_t keyframe_id) const noexcept;
@@ -93,6 +95,7 @@ class LoopCloser {
   static constexpr double kToldShift_m = 0.005, kToldTurn_rad = 1e-3;
   static bool IsFarFrom(const Rigid3& pose, const Rigid3& told) noexcept;
 
+  Vec6 WayVariance(int node) const noexcept;
   Vec6 LinkVariance(const Keyframe& keyframe, const Rigid3& world_from_camera) noexcept;
   struct Anchored {
     std::int32_t keyframe_id = -1;  // none
