@@ -62,6 +62,7 @@ std::string FormatRefineReport(const RefineRequest& request, const RefineResult&
   json["after"] = {{"mean_error_px", scene.errors.mean_px},
                    {"rms_error_px", scene.errors.rms_px},
                    {"observations", scene.errors.num_observations}};
+  json["unconfirmed_outliers"] = scene.num_unconfirmed_outliers;
   json["matching"] = {{"pairs", scene.num_pairs},
                       {"verified_pairs", scene.num_verified_pairs},
                       {"matches", scene.num_matches},

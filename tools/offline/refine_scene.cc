@@ -5,6 +5,8 @@
 #include <cmath>
 #include <optional>
 
+#include "tools/offline/unconfirmed_points.h"
+
 namespace rsfm {
 namespace {
 
@@ -61,6 +63,7 @@ class Refiner {
     report_.seconds_rounds = Seconds(start);
     if (scene_.NumPlaced() < 2 || scene_.NumPoints() == 0)
       return Fail(Errc::kNotConverged, "nothing survived");
+    report_.num_unconfirmed_outliers = RemoveUnconfirmedOutliers({}, &scene_);
     report_.errors = SceneErrors(scene_);
     return report_;
   }

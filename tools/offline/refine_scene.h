@@ -61,6 +61,7 @@ struct RefineSceneReport {
   int num_guided_matches = 0;     // besides
   std::vector<int> newly_placed;  // images
   std::vector<RefineRound> rounds;
+  int num_unconfirmed_outliers = 0;  // points removed at the end (unconfirmed_points.h)
   BundleOptions bundle;  // of the last round, with the noise as the errors showed it
   ErrorSummary errors;   // at the end, over all observations
   double seconds_matching = 0.0, seconds_placing = 0.0, seconds_rounds = 0.0;

@@ -5,13 +5,14 @@
 #include <cmath>
 #include <optional>
 
+#include "tools/offline/unconfirmed_points.h"
 #include "tools/reconstruction/consistency.h"
 #include "tools/reconstruction/next_image.h"
 
 namespace rsfm {
 namespace {
 
-constexpr std::uint32_t kCheckpointVersion = 3;
+constexpr std::uint32_t kCheckpointVersion = 4;
 
 // Adds what it measures to a total.
 class Stopwatch {
@@ -254,6 +255,7 @@ class Reconstructor {
 
   void PutAway() {
     FilterScene(options_.filter, &scene_);
+    model_.num_unconfirmed_outliers = RemoveUnconfirmedOutliers({}, &scene_);
     model_.num_images = scene_.NumPlaced();
     model_.num_points = scene_.NumPoints();
     model_.num_observations = scene_.NumObservations();
@@ -284,7 +286,8 @@ class Reconstructor {
   static void AppendReport(const ModelReport& report, std::string* bytes) {
     for (const int value :
          {report.start.images.a, report.start.images.b, report.num_images, report.num_points,
-          report.num_observations, report.rounds, report.times_taken_off, report.num_contradicted})
+          report.num_observations, report.rounds, report.times_taken_off, report.num_contradicted,
+          report.num_unconfirmed_outliers})
       AppendBinary(bytes, static_cast<std::int32_t>(value));
     for (const bool value : {report.start.baseline_from_navigation,
                              report.start.baseline_from_refraction, report.scale_held})
@@ -296,9 +299,10 @@ class Reconstructor {
   }
 
   static bool ReadReport(BinaryReader* reader, ModelReport* report) {
-    for (int* value : {&report->start.images.a, &report->start.images.b, &report->num_images,
-                       &report->num_points, &report->num_observations, &report->rounds,
-                       &report->times_taken_off, &report->num_contradicted})
+    for (int* value :
+         {&report->start.images.a, &report->start.images.b, &report->num_images,
+          &report->num_points, &report->num_observations, &report->rounds, &report->times_taken_off,
+          &report->num_contradicted, &report->num_unconfirmed_outliers})
       reader->Read(value);
     for (bool* value : {&report->start.baseline_from_navigation,
                         &report->start.baseline_from_refraction, &report->scale_held}) {

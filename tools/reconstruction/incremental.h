@@ -51,6 +51,7 @@ struct ModelReport {
   int rounds = 0;
   int times_taken_off = 0;   // that contradicted images have been taken off and placed again
   int num_contradicted = 0;  // images that are contradicted still (consistency.h)
+  int num_unconfirmed_outliers = 0;  // points removed at the end (unconfirmed_points.h)
   double sigma_px = 1.0, loss_scale = 1.0;  // of the last adjustment (FitNoise)
   BundleReport last_bundle;
   ErrorSummary errors;

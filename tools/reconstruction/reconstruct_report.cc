@@ -44,6 +44,7 @@ Json ModelJson(const ReconstructRequest& request, const ReconstructResult& resul
       {"points", model.report.num_points},
       {"observations", model.report.num_observations},
       {"contradicted_images", model.report.num_contradicted},
+      {"unconfirmed_outliers", model.report.num_unconfirmed_outliers},
       {"mean_error_px", model.report.errors.mean_px},
       {"rms_error_px", model.report.errors.rms_px},
       {"first_pair",
