@@ -142,6 +142,7 @@ class IncrementalMapper {
   }
   std::optional<KnownPose> Predict(Utime utime) const noexcept;
   std::optional<KnownPose> PredictMotion() const noexcept;
+  std::optional<KnownPose> PredictReach() const noexcept;
   void CollectKeyframes(bool placed, int count, SlotId except) noexcept;
   bool has_world() const { return has_world_; }
 

@@ -1,6 +1,7 @@
 // Where frames are looked for, from the cheapest to the widest search.
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "rsfm/mapping/incremental_mapper.h"
 
@@ -10,6 +11,8 @@ namespace {
 constexpr int kWaitingPerStep = 2;    // keyframes without pose tried again after each new one
 constexpr int kMinSimilarity = 12;    // of its strongest features, for such a try
 constexpr int kPlentyOfInliers = 80;  // below, older keyframes are asked as well
+constexpr int kMinUnexpected = 25;    // inliers that say where a frame is against nothing else
+constexpr double kGate = 6.0;         // sigmas
 
 std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
@@ -24,7 +27,7 @@ bool IsNear(const Rigid3& pose, const KnownPose& expected, const Rigid3& start) 
   };
   const double sigma_m = sigma(expected.covariance.bottomRightCorner<3, 3>());
   const double sigma_rad = sigma(expected.covariance.topLeftCorner<3, 3>());
-  return miss_m < 0.1 + 0.1 * moved_m + 6.0 * sigma_m && angle_rad < 0.05 + 6.0 * sigma_rad;
+  return miss_m < 0.1 + 0.1 * moved_m + kGate * sigma_m && angle_rad < 0.05 + kGate * sigma_rad;
 }
 
 }  // namespace
@@ -51,9 +54,24 @@ std::optional<KnownPose> IncrementalMapper::PredictMotion() const noexcept {
   return predicted;
 }
 
+// Where the vehicle may have gone since the last placed frame, when navigation does not say: IsNear
+// of this is within `max_speed_mps`, in any attitude.
+std::optional<KnownPose> IncrementalMapper::PredictReach() const noexcept {
+  if (!has_world() || !report_.scale_is_metric || options_.max_speed_mps <= 0.0)
+    return std::nullopt;
+  const double reach_m =
+      options_.max_speed_mps * std::abs(SecondsFromUs(last_utime_ - placed_.utime));
+  const auto each = [](double limit) { return limit * limit / (3.0 * kGate * kGate); };
+  KnownPose reach{last_utime_, placed_.camera_from_world, Mat6::Zero()};
+  reach.covariance.diagonal() << Vec3::Constant(each(std::numbers::pi)),
+      Vec3::Constant(each(reach_m));
+  return reach;
+}
+
 // Whether a pose may be true, given what navigation says has happened since the last placed frame.
 bool IncrementalMapper::IsPlausible(const Placement& placement) const noexcept {
-  const std::optional<KnownPose> expected = PredictMotion();
+  std::optional<KnownPose> expected = PredictMotion();
+  if (!expected) expected = PredictReach();
   return !expected || IsNear(placement.camera_from_world, *expected, placed_.camera_from_world);
 }
 
@@ -129,9 +147,11 @@ Expected<Placement> IncrementalMapper::Relocalise(const FrameView& frame,
   const auto failed = Fail(Errc::kNotEnoughInliers, "places");
   if (!keyframe.valid()) return failed;
   const std::uint64_t seed = options_.seed + frame_count_;
-  std::optional<KnownPose> expected = PredictMotion();
+  const std::optional<KnownPose> expected = PredictMotion();
+  const std::optional<KnownPose> reach = expected ? expected : PredictReach();
   const KnownPose* expected_or_null = expected ? &*expected : nullptr;
-  const auto recognised = loops_.Recognise(map_, frame, expected_or_null, seed);
+  const auto recognised =
+      loops_.Recognise(map_, frame, reach ? &*reach : nullptr, expected ? 0 : kMinUnexpected, seed);
   if (!recognised) return failed;
   Evict();
   const auto place = loops_.Restore(*recognised, report_.world, &map_);
@@ -141,8 +161,8 @@ Expected<Placement> IncrementalMapper::Relocalise(const FrameView& frame,
   placer_.MatchWith(map_, frame, candidates_.span());
   const auto placement = placer_.Place(map_, frame, seed);
   const auto may_be_there = [&] {
-    if (!expected) return true;
-    KnownPose from_place = *expected;
+    if (!reach) return true;
+    KnownPose from_place = *reach;
     from_place.covariance.diagonal() += recognised->way_variance;
     return IsNear(placement->camera_from_world, from_place, placed_.camera_from_world);
   };

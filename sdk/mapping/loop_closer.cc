@@ -19,8 +19,7 @@ constexpr double kSpacing = 0.3;  // of the range, between places
 constexpr double kReach = 1.0;    // of the range, plus three sigmas: what is near
 // A place's points are not exact, and not independent: the loop's own deviation, at least.
 constexpr double kLoopTurn = 2e-3, kLoopShift = 0.01;
-constexpr int kMinSimilarity = 4;   // of a place, to be searched for a lost frame
-constexpr int kMinUnexpected = 25;  // inliers that say where a frame is against nothing else
+constexpr int kMinSimilarity = 4;  // of a place, to be searched for a lost frame
 
 std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
@@ -305,11 +304,11 @@ std::span<const PlaceArchive::Place> LoopCloser::LookAt(const Map& map, const Fr
 
 std::optional<LoopCloser::Recognised> LoopCloser::Recognise(const Map& map, const FrameView& frame,
                                                             const KnownPose* expected,
+                                                            int min_inliers,
                                                             std::uint64_t seed) noexcept {
-  const int enough = expected != nullptr ? 0 : kMinUnexpected;
   for (const PlaceArchive::Place& place : LookAt(map, frame, expected)) {
     const auto seen = places_.Match(frame, place, seed);
-    if (!seen || seen->num_inliers < enough) continue;
+    if (!seen || seen->num_inliers < min_inliers) continue;
     return Recognised{place, graph_.world_from_camera(place.node).Inverse(), *seen,
                       WayVariance(place.node)};
   }

@@ -39,7 +39,7 @@ class LoopCloser {
 
   // The place that the frame shows, which is not in the map: among those that may be seen from
   // where it is expected, by what is not known of the way since and of the motion since the last
-  // placed frame (`expected`'s covariance); null: among all, and not on a few matches. Takes as
+  // placed frame (`expected`'s covariance); null: among all. By `min_inliers` at least. Takes as
   // long as kPlacesPerLook first looks and kCandidates searches by RANSAC.
   struct Recognised {
     PlaceArchive::Place place;
@@ -48,7 +48,8 @@ class LoopCloser {
     Vec6 way_variance = Vec6::Zero();  // from there to the end of the way: turns, shifts
   };
   std::optional<Recognised> Recognise(const Map& map, const FrameView& frame,
-                                      const KnownPose* expected, std::uint64_t seed) noexcept;
+                                      const KnownPose* expected, int min_inliers,
+                                      std::uint64_t seed) noexcept;
   // The place as a keyframe of the map again, the one before the newest.
   std::optional<SlotId> Restore(const Recognised& recognised, int world, Map* map) const noexcept {
     return places_.Restore(recognised.place, recognised.place_from_world, world, map);

@@ -53,6 +53,7 @@ OptionRanges MapperOptions::Ranges() const noexcept {
       {"keyframe_max_frames", static_cast<double>(keyframe_max_frames), 1, 1e6},
       {"max_ratio", max_ratio, 0.1, 1},
       {"guided_radius_px", guided_radius_px, 1, 1000},
+      {"max_speed_mps", max_speed_mps, 0, 100},
       {"match_keyframes", static_cast<double>(match_keyframes), 1, 64},
       {"relocalise_keyframes", static_cast<double>(relocalise_keyframes), 0, 64},
       {"water_index_step", water_index_step, 0, 0.1},

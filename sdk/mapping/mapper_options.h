@@ -59,6 +59,7 @@ struct MapperOptions {
   // Matching.
   double max_ratio = 0.85;         // best to second-best descriptor distance (not squared)
   double guided_radius_px = 16.0;  // search radius about a projected landmark
+  double max_speed_mps = 3.0;      // where navigation says nothing of the motion; 0: no bound
   int match_keyframes = 4;         // newest keyframes a frame is matched with
   int relocalise_keyframes = 4;    // older ones, most similar first, when those do not suffice
 
@@ -133,6 +134,7 @@ void ForEachOption(Options& o, F&& f) {
   f("keyframe_max_frames", o.keyframe_max_frames);
   f("max_ratio", o.max_ratio);
   f("guided_radius_px", o.guided_radius_px);
+  f("max_speed_mps", o.max_speed_mps);
   f("match_keyframes", o.match_keyframes);
   f("relocalise_keyframes", o.relocalise_keyframes);
   f("water_index_step", o.water_index_step);

@@ -67,6 +67,27 @@ TEST(MapperStates, NorWhereTheHeadingIsHardlyKnown) {
   FlyOverALookAlike(options);
 }
 
+// Without a log no navigation spans an outage, but no vehicle is 3 m away in two seconds.
+TEST(MapperStates, NorFartherThanTheVehicleGoes) {
+  FeatureWorldOptions look_alike;
+  look_alike.repeat_m = 6.0;
+  MapperOptions options = TestOptions();
+  options.max_speed_mps = 0.5;
+  SurveyFlight survey(TestPort::kFlat, options, look_alike);
+  survey.FeedNavWithoutLog(50.0);
+  for (int frame = 0; frame < 22; ++frame) survey.Fly(frame);
+  ASSERT_TRUE(survey.Fly(22).scale_is_metric);
+  // 3 m on all looks as it did 3 m before, and nothing of what was seen last is in sight.
+  for (const int frame : {32, 33}) {
+    const FeatureWorld world(look_alike);
+    const FeatureFrame seen =
+        world.See(TestCamera(TestPort::kFlat), survey.TrueCamera(frame), frame);
+    const auto report = survey.mapper().Step(seen.View(UsFromSeconds(frame - 8 + 100.0)));
+    ASSERT_TRUE(report.has_value());
+    EXPECT_NE(report->state, MapperState::kTracking) << frame;
+  }
+}
+
 // The same without navigation is what the test above is worth: the wrong place is taken.
 TEST(MapperStates, WithoutNavigationALookAlikeIsTakenForThePlace) {
   FeatureWorldOptions look_alike;

@@ -74,7 +74,7 @@ TEST(UnconfirmedPoints, WithoutNeighboursThereIsNoVerdict) {
   ASSERT_EQ(two.size(), 1U);
   scene.points[two[0]].xyz *= 4.0;
   UnconfirmedPointOptions options;
-  options.radius = 1e-4;
+  options.radius = options.far_radius = 1e-4;
   EXPECT_EQ(RemoveUnconfirmedOutliers(options, &scene), 0);
 }
 

@@ -30,12 +30,11 @@ std::vector<Confirmed> ConfirmedPoints(const Scene& scene, const SceneImage& ima
   return confirmed;
 }
 
-enum class Verdict { kNone, kAgrees, kContradicts };
+using Nearest = std::vector<std::pair<double, double>>;  // squared distance, logarithm of the range
 
-Verdict Judge(const UnconfirmedPointOptions& options, const std::vector<Confirmed>& confirmed,
-              const Vec2& pixel, double log_range, double radius_px,
-              std::vector<std::pair<double, double>>* nearest) {
-  nearest->clear();  // squared distance, logarithm of the range
+void FindNear(const std::vector<Confirmed>& confirmed, const Vec2& pixel, double radius_px,
+              Nearest* nearest) {
+  nearest->clear();
   const auto first =
       std::lower_bound(confirmed.begin(), confirmed.end(), pixel.x() - radius_px,
                        [](const Confirmed& point, double x) { return point.pixel.x() < x; });
@@ -43,7 +42,17 @@ Verdict Judge(const UnconfirmedPointOptions& options, const std::vector<Confirme
     const double distance = (it->pixel - pixel).squaredNorm();
     if (distance <= radius_px * radius_px) nearest->emplace_back(distance, it->log_range);
   }
-  if (static_cast<int>(nearest->size()) < options.min_neighbours) return Verdict::kNone;
+}
+
+enum class Verdict { kNone, kAgrees, kContradicts };
+
+Verdict Judge(const UnconfirmedPointOptions& options, int width,
+              const std::vector<Confirmed>& confirmed, const Vec2& pixel, double log_range,
+              Nearest* nearest) {
+  const auto enough = [&] { return static_cast<int>(nearest->size()) >= options.min_neighbours; };
+  FindNear(confirmed, pixel, options.radius * width, nearest);
+  if (!enough()) FindNear(confirmed, pixel, options.far_radius * width, nearest);
+  if (!enough()) return Verdict::kNone;
   const std::size_t asked = std::min(nearest->size(), static_cast<std::size_t>(options.neighbours));
   std::partial_sort(nearest->begin(), nearest->begin() + static_cast<std::ptrdiff_t>(asked),
                     nearest->end());
@@ -60,17 +69,16 @@ Verdict Judge(const UnconfirmedPointOptions& options, const std::vector<Confirme
 }  // namespace
 
 int RemoveUnconfirmedOutliers(const UnconfirmedPointOptions& options, Scene* scene) {
-  const double radius_px = options.radius * scene->camera.width;
   std::vector<Verdict> verdicts(scene->points.size(), Verdict::kNone);
-  std::vector<std::pair<double, double>> nearest;
+  Nearest nearest;
   for (const SceneImage& image : scene->images) {
     if (!image.placed) continue;
     const std::vector<Confirmed> confirmed = ConfirmedPoints(*scene, image);
     for (std::size_t f = 0; f < image.points.size(); ++f) {
       const std::int32_t p = image.points[f];
       if (p == kNoPoint || scene->points[p].track.size() != 2) continue;
-      const Verdict verdict = Judge(options, confirmed, image.features[f],
-                                    LogRange(image, scene->points[p].xyz), radius_px, &nearest);
+      const Verdict verdict = Judge(options, scene->camera.width, confirmed, image.features[f],
+                                    LogRange(image, scene->points[p].xyz), &nearest);
       if (verdicts[p] != Verdict::kAgrees && verdict != Verdict::kNone) verdicts[p] = verdict;
     }
   }

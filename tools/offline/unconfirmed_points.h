@@ -9,7 +9,8 @@ namespace rsfm {
 struct UnconfirmedPointOptions {
   int neighbours = 12;       // nearest confirmed points in the image that are asked, at most,
   int min_neighbours = 6;    // ... and no verdict with fewer
-  double radius = 1.0 / 16;  // that they may be off, in image widths
+  double radius = 1.0 / 16;  // that they may be off, in image widths, ...
+  double far_radius = 0.25;  // ... and where there are too few so near
   double min_spread = 0.1;   // of the logarithms of the neighbours' ranges
   double spreads = 2.0;      // that a point may lie outside of these
 };
