@@ -235,6 +235,7 @@ std::span<const SlotId> FramePlacer::MostSimilar(const Map& map, const FrameView
                                                  std::span<const SlotId> candidates) noexcept {
   similar_.clear();
   similarity_.clear();
+  if (count <= 0) return {};  // looking writes over what matches() says
   for (const SlotId candidate : candidates) {
     const int similarity = Similarity(frame.descriptors, map.descriptors(candidate));
     // Insertion into a list sorted by falling similarity.

@@ -48,6 +48,7 @@ IncrementalMapper::IncrementalMapper(const MapperOptions& options, const AnyCame
       loops_(options, camera),
       candidates_(Count(options.max_keyframes)) {
   water_.index = camera.config().port.index_water;
+  placed_.utime = placed_before_.utime = kNoFrame;
 }
 
 MemoryPlan IncrementalMapper::memory_plan() const {
@@ -142,7 +143,7 @@ void IncrementalMapper::SetCamera(const AnyCamera& camera) noexcept {
 // A frame with descriptors becomes a keyframe, without pose to begin with.
 SlotId IncrementalMapper::StoreKeyframe(const FrameObservations& frame) noexcept {
   if (frame.descriptors.count == 0) return {};
-  Evict();
+  Evict({});
   Keyframe keyframe;
   keyframe.id = next_keyframe_id_;
   keyframe.nav = nav_.buffer().At(frame.utime);
@@ -155,10 +156,10 @@ SlotId IncrementalMapper::StoreKeyframe(const FrameObservations& frame) noexcept
 
 // Room for one more: the oldest keyframe goes, with or without pose, but for those that the window
 // still works with. A long outage fills the map with keyframes that wait; what they wait for stays.
-void IncrementalMapper::Evict() noexcept {
+void IncrementalMapper::Evict(SlotId except) noexcept {
   if (map_.keyframes().size() < map_.keyframe_capacity()) return;
   for (const SlotId id : map_.keyframes()) {
-    if (adjuster_.Holds(id)) continue;
+    if (id == except || adjuster_.Holds(id)) continue;
     map_.EraseKeyframe(id);
     return;
   }
@@ -185,6 +186,11 @@ void IncrementalMapper::Accept(const Placement& placement, SlotId keyframe) noex
   }
   has_world_ = true;
   frames_lost_ = 0;
+  KeepPlaced();
+}
+
+void IncrementalMapper::KeepPlaced() noexcept {
+  if (placed_.utime != last_utime_) placed_before_ = placed_;
   placed_ = base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
 }
 
@@ -220,6 +226,7 @@ void IncrementalMapper::CloseLoop(SlotId left) noexcept {
   report_.camera_from_world = report_.camera_from_world * moved.Inverse();
   placed_.camera_from_world = base_.camera_from_world = next_base_.camera_from_world =
       report_.camera_from_world;
+  placed_before_.camera_from_world = placed_before_.camera_from_world * moved.Inverse();
   if ((report_.camera_from_world.OriginOfTarget() - was_at).norm() > kUnnoticed_m ||
       LogSo3(moved.rotation).norm() > kUnnoticed_rad)
     jumps_.Expect();
@@ -230,7 +237,7 @@ void IncrementalMapper::TakeNewest(SlotId keyframe) noexcept {
   const Keyframe& newest = map_.keyframe(keyframe);
   report_.camera_from_world = newest.camera_from_world;
   report_.covariance = newest.covariance;
-  placed_ = base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
+  KeepPlaced();
 }
 
 // Navigation's pose since the last placed frame.
@@ -240,14 +247,15 @@ std::optional<KnownPose> IncrementalMapper::Predict(Utime utime) const noexcept 
 }
 
 void IncrementalMapper::CoastOn(Utime utime) noexcept {
-  constexpr Utime kRebaseUs = 20'000'000;  // navigation keeps at least twice as much
+  // Before a full buffer of a fast sensor forgets what is still to be added.
+  const Utime rebase_us = std::min<Utime>(20'000'000, nav_.buffer().ReachUs() / 4);
   ++frames_lost_;
   if (const auto predicted = Predict(utime)) {
     report_.state = MapperState::kDeadReckoning;
     report_.has_pose = true;
     report_.camera_from_world = predicted->camera_from_world;
     report_.covariance = predicted->covariance;
-    if (utime - next_base_.utime >= kRebaseUs) {
+    if (utime - next_base_.utime >= rebase_us) {
       if (next_base_.utime > base_.utime) base_ = next_base_;
       next_base_ = *predicted;
     }

@@ -129,6 +129,7 @@ class IncrementalMapper {
   Expected<Placement> PlaceFrame(const FrameView& frame, SlotId keyframe) noexcept;
   Expected<Placement> Relocalise(const FrameView& frame, SlotId keyframe) noexcept;
   void Accept(const Placement& placement, SlotId keyframe) noexcept;
+  void KeepPlaced() noexcept;
   void Extend(SlotId keyframe) noexcept;
   void PlaceWaiting(SlotId newest) noexcept;
   void AdjustWindow(SlotId keyframe) noexcept;
@@ -136,7 +137,7 @@ class IncrementalMapper {
   void FindWorld(SlotId keyframe) noexcept;
   void TakeNewest(SlotId keyframe) noexcept;
   void CoastOn(Utime utime) noexcept;
-  void Evict() noexcept;
+  void Evict(SlotId except) noexcept;
   NavErrors nav_errors() const {
     return {adjuster_.nav_states(), adjuster_.nav_state_covariance()};
   }
@@ -165,8 +166,9 @@ class IncrementalMapper {
   Utime last_utime_ = kNoFrame;
   bool has_world_ = false;
   bool has_position_ = false;  // a fix says where the world is
-  KnownPose placed_;           // the last placed frame
-  KnownPose base_;             // it too; navigation is added to it
+  KnownPose placed_;           // the last placed frame, and the one before it; kNoFrame: none in
+  KnownPose placed_before_;    // this world
+  KnownPose base_;             // the last placed frame; navigation is added to it
   KnownPose next_base_;  // of a long outage: takes base_'s place before navigation forgets that
   JumpWatch jumps_;
   bool has_seen_ = false;  // an image with features

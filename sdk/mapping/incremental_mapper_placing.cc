@@ -8,11 +8,13 @@
 namespace rsfm {
 namespace {
 
-constexpr int kWaitingPerStep = 2;    // keyframes without pose tried again after each new one
-constexpr int kMinSimilarity = 12;    // of its strongest features, for such a try
-constexpr int kPlentyOfInliers = 80;  // below, older keyframes are asked as well
-constexpr int kMinUnexpected = 25;    // inliers that say where a frame is against nothing else
-constexpr double kGate = 6.0;         // sigmas
+constexpr int kWaitingPerStep = 2;       // keyframes without pose tried again after each new one
+constexpr int kMinSimilarity = 12;       // of its strongest features, for such a try
+constexpr int kPlentyOfInliers = 80;     // below, older keyframes are asked as well
+constexpr int kMinUnexpected = 25;       // inliers that say where a frame is against nothing else
+constexpr double kGate = 6.0;            // sigmas
+constexpr double kVelocityFrom_s = 2.0;  // two frames farther apart do not tell a velocity
+constexpr double kVelocityWalk = 0.1;  // m/s after a second, of a vehicle that nothing is known of
 
 std::size_t Count(int value) { return static_cast<std::size_t>(value); }
 
@@ -54,17 +56,29 @@ std::optional<KnownPose> IncrementalMapper::PredictMotion() const noexcept {
   return predicted;
 }
 
-// Where the vehicle may have gone since the last placed frame, when navigation does not say: IsNear
-// of this is within `max_speed_mps`, in any attitude.
+// Where the vehicle may have gone since the last placed frame, when navigation does not say: on as
+// it went, its velocity a random walk, in any attitude; and no farther than `max_speed_mps` allows.
+//   [Bar-Shalom, Li & Kirubarajan 2001, Estimation with Applications to Tracking and Navigation,
+//    6.2.2, white noise acceleration]
 std::optional<KnownPose> IncrementalMapper::PredictReach() const noexcept {
-  if (!has_world() || !report_.scale_is_metric || options_.max_speed_mps <= 0.0)
+  if (!report_.scale_is_metric || options_.max_speed_mps <= 0.0 || placed_.utime == kNoFrame)
     return std::nullopt;
-  const double reach_m =
-      options_.max_speed_mps * std::abs(SecondsFromUs(last_utime_ - placed_.utime));
-  const auto each = [](double limit) { return limit * limit / (3.0 * kGate * kGate); };
+  const double gone_s = std::abs(SecondsFromUs(last_utime_ - placed_.utime));
+  const double reach_m = options_.max_speed_mps * gone_s;
+  Vec3 went = Vec3::Zero();
+  double variance = std::pow(reach_m / kGate, 2) / 3.0;
+  const double before_s = SecondsFromUs(placed_.utime - placed_before_.utime);
+  if (placed_before_.utime != kNoFrame && before_s <= kVelocityFrom_s) {
+    went = (placed_.camera_from_world.OriginOfTarget() -
+            placed_before_.camera_from_world.OriginOfTarget()) *
+           (gone_s / before_s);
+    if (went.norm() > reach_m) went *= reach_m / went.norm();
+    variance = std::min(variance, kVelocityWalk * kVelocityWalk * std::pow(gone_s, 3) / 3.0);
+  }
+  constexpr double kAnyTurn = std::numbers::pi / kGate;
   KnownPose reach{last_utime_, placed_.camera_from_world, Mat6::Zero()};
-  reach.covariance.diagonal() << Vec3::Constant(each(std::numbers::pi)),
-      Vec3::Constant(each(reach_m));
+  reach.camera_from_world.translation -= reach.camera_from_world.rotation * went;
+  reach.covariance.diagonal() << Vec3::Constant(kAnyTurn * kAnyTurn), Vec3::Constant(variance);
   return reach;
 }
 
@@ -153,7 +167,7 @@ Expected<Placement> IncrementalMapper::Relocalise(const FrameView& frame,
   const auto recognised =
       loops_.Recognise(map_, frame, reach ? &*reach : nullptr, expected ? 0 : kMinUnexpected, seed);
   if (!recognised) return failed;
-  Evict();
+  Evict(keyframe);
   const auto place = loops_.Restore(*recognised, report_.world, &map_);
   if (!place) return failed;
   candidates_.clear();

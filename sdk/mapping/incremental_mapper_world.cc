@@ -112,6 +112,7 @@ void IncrementalMapper::BeginWorld() noexcept {
   report_.world = ++report_.reset_counter;
   jumps_.BeginWorld();
   loops_.Clear();
+  placed_.utime = placed_before_.utime = kNoFrame;
 }
 
 }  // namespace rsfm

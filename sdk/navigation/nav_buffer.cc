@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "rsfm/base/plausible_time.h"
 #include "rsfm/base/so3.h"
@@ -20,6 +21,18 @@ Quat Mix(const Quat& a, const Quat& b, double fraction) { return a.slerp(fractio
 Vec3 Larger(const Vec3& a, const Vec3& b) { return a.cwiseMax(b); }
 double Larger(double a, double b) { return std::max(a, b); }
 
+double Distance(double a, double b) { return std::abs(a - b); }
+double Distance(const Vec3& a, const Vec3& b) { return (a - b).norm(); }
+double Distance(const Quat& a, const Quat& b) { return a.angularDistance(b); }
+double Largest(double sigma) { return sigma; }
+double Largest(const Vec3& sigma) { return sigma.maxCoeff(); }
+
+// 0: none is stated. What lies beyond is no sensor's, and its squares would be no numbers.
+bool IsSigma(double sigma) { return sigma == 0.0 || (sigma >= 1e-9 && sigma <= 1e6); }
+bool IsSigma(const Vec3& sigma) {
+  return IsSigma(sigma.x()) && IsSigma(sigma.y()) && IsSigma(sigma.z());
+}
+
 // What RepeatWatch compares.
 Vec4 Bits(double v) { return {v, 0.0, 0.0, 0.0}; }
 Vec4 Bits(const Vec3& v) { return {v.x(), v.y(), v.z(), 0.0}; }
@@ -28,8 +41,9 @@ Vec4 Bits(const Quat& v) { return v.coeffs(); }
 }  // namespace
 
 std::string_view ToString(NavReject reason) noexcept {
-  constexpr std::string_view kNames[kNumNavRejects] = {
-      "not_finite", "sentinel", "out_of_range", "runs_backwards", "repeated", "too_late", "frozen"};
+  constexpr std::string_view kNames[kNumNavRejects] = {"not_finite",     "sentinel", "out_of_range",
+                                                       "runs_backwards", "repeated", "too_late",
+                                                       "frozen",         "jump"};
   return kNames[static_cast<int>(reason)];
 }
 
@@ -57,6 +71,13 @@ NavBuffer::NavBuffer(const NavBufferOptions& options)
       altitude_(At0(options.capacity)),
       water_(At0(options.capacity)) {
   water_.may_stay = true;
+  // A vehicle's limits with plenty to spare: 0.2 m/s and 0.2 g, waves of 3 m/s, 3 rad/s.
+  velocity_.jump = 0.2;
+  velocity_.jump_rate = 2.0;
+  depth_.jump = 0.3;
+  depth_.jump_rate = 3.0;
+  attitude_.jump = 0.2;
+  attitude_.jump_rate = 3.0;
 }
 
 std::size_t NavBuffer::bytes() const {
@@ -64,11 +85,19 @@ std::size_t NavBuffer::bytes() const {
          altitude_.bytes() + water_.bytes();
 }
 
+Utime NavBuffer::ReachUs() const noexcept {
+  const auto reach = [](const auto& series) {
+    return series.full() ? series.back().utime - series.front().utime
+                         : std::numeric_limits<Utime>::max();
+  };
+  return std::min({reach(velocity_), reach(attitude_), reach(depth_)});
+}
+
 template <class Sample>
 void NavBuffer::BeginAnew(Series<Sample>* series) noexcept {
   series->clear();
   series->repeats = {};
-  series->num_first = series->num_ahead = 0;
+  series->num_first = series->num_ahead = series->num_jumped = series->num_behind = 0;
 }
 
 void NavBuffer::SetClockBack(Utime utime) noexcept {
@@ -103,6 +132,36 @@ bool NavBuffer::IsBelieved(Utime utime, Series<Sample>* series) noexcept {
   return series->num_ahead >= kThatConfirm;
 }
 
+// Only against newer times: a late sample lies between others, and what comes after a gap may be
+// anything.
+template <class Sample>
+bool NavBuffer::HasJumped(const Sample& sample, Series<Sample>* series) noexcept {
+  constexpr double kGap_s = 2.0, kSigmas = 5.0;
+  const auto is_far = [&](const Sample& from) {
+    const double gone_s = SecondsFromUs(sample.utime - from.utime);
+    const double noise = std::max(Largest(sample.sigma), Largest(from.sigma));
+    return gone_s > 0.0 && gone_s < kGap_s &&
+           Distance(sample.value, from.value) >
+               series->jump + series->jump_rate * gone_s + kSigmas * noise;
+  };
+  if (series->jump_rate == 0.0 || series->empty() || !is_far(series->back())) {
+    series->num_jumped = 0;
+    return false;
+  }
+  const bool agrees = series->num_jumped > 0 && !is_far(series->jumped);
+  series->num_jumped = agrees ? series->num_jumped + 1 : 1;
+  series->jumped = sample;
+  return series->num_jumped < kThatConfirm;
+}
+
+template <class Sample>
+bool NavBuffer::GoesOnBehind(Utime utime, Series<Sample>* series) noexcept {
+  const bool goes_on = series->num_behind > 0 && utime > series->behind;
+  series->num_behind = goes_on ? series->num_behind + 1 : 1;
+  series->behind = utime;
+  return series->num_behind >= kThatConfirm;
+}
+
 template <class Sample>
 bool NavBuffer::Store(const Sample& sample, Series<Sample>* series) noexcept {
   if (sample.utime < horizon_) return Reject(NavReject::kTooLate), false;
@@ -112,8 +171,15 @@ bool NavBuffer::Store(const Sample& sample, Series<Sample>* series) noexcept {
     if (i < series->size() && (*series)[i].utime == sample.utime)
       return Reject(NavReject::kRepeated), false;
     const double late_s = SecondsFromUs(series->back().utime - sample.utime);
-    if (late_s > options_.max_late_s) return Reject(NavReject::kRunsBackwards), false;
+    if (late_s > options_.max_late_s) {
+      if (!GoesOnBehind(sample.utime, series)) return Reject(NavReject::kRunsBackwards), false;
+      BeginAnew(series);
+    } else {
+      series->num_behind = 0;
+    }
   }
+  if (!IsSigma(sample.sigma)) return Reject(NavReject::kOutOfRange), false;
+  if (HasJumped(sample, series)) return Reject(NavReject::kJump), false;
   if (!series->may_stay && !series->repeats.Take(sample.utime, Bits(sample.value)))
     return Reject(NavReject::kFrozen), false;
   if (!series->Insert(sample)) return Reject(NavReject::kRunsBackwards), false;

@@ -31,13 +31,15 @@ struct NavBufferOptions {
 enum class NavReject : std::uint8_t {
   kNotFinite,      // NaN or infinite value or sigma
   kSentinel,       // the sensor's mark for "none": velocity -32.768, range 0, a negative sigma
-  kOutOfRange,     // beyond the option's limit, a quaternion that is not of unit length, or no time
+  kOutOfRange,     // beyond the option's limit, a quaternion that is not of unit length, a sigma
+                   // that no sensor has, or no time
   kRunsBackwards,  // older than the newest of its kind by more than max_late_s
   kRepeated,       // same time as a stored one of its kind
   kTooLate,        // older than the horizon: what it could tell has been summed up already
   kFrozen,         // the value before it, to the last bit, once more than chance allows
+  kJump,           // farther from the one before it than a vehicle moves in the time between
 };
-inline constexpr int kNumNavRejects = 7;
+inline constexpr int kNumNavRejects = 8;
 std::string_view ToString(NavReject reason) noexcept;  // "not_finite", ...
 
 // The body's motion between two times. Its rotation is `end * start.conjugate()`.
@@ -69,7 +71,10 @@ class NavBuffer {
   // row says so: whatever comes after it would run backwards. The first two of a kind have nothing
   // to be held against: one that is as far from them starts the kind anew.
   // A sensor that has stopped is refused from its third or fourth repeated value on, by
-  // RepeatWatch; water may stay as it is.
+  // RepeatWatch; water may stay as it is. A velocity, depth or attitude that no vehicle reaches
+  // from the newest one is refused (kJump) until three in a row agree with each other. Where three
+  // in a row run backwards and go on, the newest of their kind was of a wrong time: the kind begins
+  // anew with them.
   std::uint32_t Insert(const NavSample& sample) noexcept;
   std::uint64_t rejected(NavReject reason) const {
     return rejected_[static_cast<std::size_t>(reason)];
@@ -118,6 +123,10 @@ class NavBuffer {
   // that reach beyond it begin anew.
   void SetClockBack(Utime utime) noexcept;
 
+  // How long its fastest sensor's measurements are kept, from velocity, attitude and depth; what a
+  // ring that is not full yet forgets is nothing: the largest number.
+  Utime ReachUs() const noexcept;
+
   std::size_t bytes() const;
 
  private:
@@ -147,12 +156,22 @@ class NavBuffer {
     Utime ahead = 0;    // the last that was too far ahead
     int num_ahead = 0;  // in a row
     RepeatWatch repeats;
-    bool may_stay = false;  // the same for hours: no fault
+    double jump = 0.0;       // that is none, and ...
+    double jump_rate = 0.0;  // ... per second since the one before; 0: anything may be
+    bool may_stay = false;   // the same for hours: no fault
+    Sample jumped;           // the last that was refused as a jump
+    int num_jumped = 0;      // in a row, that agree
+    Utime behind = 0;        // the last that ran backwards
+    int num_behind = 0;      // in a row, ascending
   };
   template <class Sample>
   static void BeginAnew(Series<Sample>* series) noexcept;
   template <class Sample>
   static bool IsBelieved(Utime utime, Series<Sample>* series) noexcept;
+  template <class Sample>
+  static bool HasJumped(const Sample& sample, Series<Sample>* series) noexcept;
+  template <class Sample>
+  static bool GoesOnBehind(Utime utime, Series<Sample>* series) noexcept;
   template <class Sample>
   bool Store(const Sample& sample, Series<Sample>* series) noexcept;
   template <class Sample>

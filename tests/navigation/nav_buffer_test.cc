@@ -189,6 +189,57 @@ TEST(NavBuffer, ASensorThatHasStoppedIsRefused) {
                               static_cast<std::uint32_t>(NavField::kWater));
 }
 
+// A reading that no vehicle reaches carries the expected place away from what the images show.
+TEST(NavBuffer, AJumpIsRefusedUntilThreeAgree) {
+  NavBuffer nav = MakeBuffer();
+  for (int i = 0; i < 20; ++i) {
+    const double t = 100.0 + 0.2 * i;
+    const bool is_wrong = i % 7 == 6;
+    EXPECT_EQ(nav.Insert(Velocity(t, Vec3(is_wrong ? 2.5 : 0.5, 0, 0))) != 0u, !is_wrong) << i;
+    EXPECT_EQ(nav.Insert(Depth(t, is_wrong ? 55.0 : 5.0 + 0.01 * i)) != 0u, !is_wrong) << i;
+    EXPECT_EQ(
+        nav.Insert(Attitude(t, ExpSo3(Vec3(0, 0, (is_wrong ? 2.0 : 0.01) + 0.001 * i)))) != 0u,
+        !is_wrong)
+        << i;
+  }
+  EXPECT_EQ(nav.rejected(NavReject::kJump), 6u);
+  // What stays there is so: a vehicle that was lowered by crane, a log that lost its zero.
+  for (int i = 0; i < 5; ++i)
+    EXPECT_EQ(nav.Insert(Depth(104.0 + 0.2 * i, 20.0 + 0.01 * i)) != 0u, i >= 2) << i;
+  EXPECT_EQ(nav.rejected(NavReject::kJump), 8u);
+  // After a gap anything may be, and late samples lie between others.
+  EXPECT_NE(nav.Insert(Depth(120.0, 5.0)), 0u);
+  EXPECT_NE(nav.Insert(Depth(119.9, 12.0)), 0u);
+}
+
+// Uninitialised memory that came over the bus: its square would be no number, or 0.
+TEST(NavBuffer, ASigmaThatNoSensorHasIsRefused) {
+  NavBuffer nav = MakeBuffer();
+  int i = 0;
+  for (const double sigma : {1e-159, 1e-300, 1e-10, 1e7, 1e200})
+    EXPECT_EQ(nav.Insert(Depth(100.0 + i++, 5.0, sigma)), 0u) << sigma;
+  EXPECT_EQ(nav.rejected(NavReject::kOutOfRange), 5u);
+  for (const double sigma : {0.0, 1e-6, 0.01, 1e3})
+    EXPECT_NE(nav.Insert(Depth(100.0 + i++, 5.0, sigma)), 0u) << sigma;
+}
+
+// A time that is wrong by less than an hour is believed; the true ones after it run backwards, and
+// go on.
+TEST(NavBuffer, ATimeAheadDoesNotDeafenForLong) {
+  NavBuffer nav = MakeBuffer();
+  for (int i = 0; i < 10; ++i) EXPECT_NE(nav.Insert(Depth(100.0 + i, 5.0 + 0.01 * i)), 0u);
+  EXPECT_NE(nav.Insert(Depth(1500.0, 5.2)), 0u);
+  for (int i = 10; i < 20; ++i)
+    EXPECT_EQ(nav.Insert(Depth(100.0 + i, 5.0 + 0.01 * i)) != 0u, i >= 12) << i;
+  EXPECT_EQ(nav.rejected(NavReject::kRunsBackwards), 2u);
+  EXPECT_TRUE(nav.At(UsFromSeconds(118.5)).Has(NavField::kDepth));
+  // Single ones that come that late are no clock.
+  for (int i = 20; i < 40; ++i) {
+    EXPECT_NE(nav.Insert(Depth(100.0 + i, 5.0 + 0.01 * i)), 0u) << i;
+    EXPECT_EQ(nav.Insert(Depth(90.0 + i, 5.0)), 0u) << i;
+  }
+}
+
 // What comes after a time from the future would all run backwards.
 TEST(NavBuffer, OneTimeFromTheFutureIsNotBelieved) {
   NavBuffer nav = MakeBuffer();

@@ -214,7 +214,7 @@ IoStatus MissionPublisher::PublishLandmarks(Utime utime, Map* map) {
 std::array<std::int64_t*, kNumNavRejects> NavReasons(status_t* status) {
   return {&status->nav_not_finite,     &status->nav_sentinel, &status->nav_out_of_range,
           &status->nav_runs_backwards, &status->nav_repeated, &status->nav_too_late,
-          &status->nav_frozen};
+          &status->nav_frozen,         &status->nav_jump};
 }
 
 namespace {
@@ -308,8 +308,7 @@ IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
     if (auto s = update(id); !s) return s;
   }
   const bool is_due = utime - last_status_utime_ >= 1'000'000 || utime < last_status_utime_;
-  if (!has_status_ || is_due)
-    return PublishStatus(utime, report, counters, *mapper);
+  if (!has_status_ || is_due) return PublishStatus(utime, report, counters, *mapper);
   return {};
 }
 

@@ -16,10 +16,11 @@ struct UnconfirmedPointOptions {
 };
 
 // Removes the two-view points whose range from the camera lies, in every image that has a verdict,
-// outside of the ranges of the confirmed points around them by more than these differ among each
-// other. How many. Statistical outlier removal [Rusu et al. 2008, Towards 3D point cloud based
-// object maps for household environments], of those points alone that nothing else can judge, and
-// by neighbours in the image, where surfaces are dense whatever the range.
+// outside of the ranges of the confirmed points around them, but for the least and the greatest, by
+// more than these differ among each other. How many. Statistical outlier removal [Rusu et al. 2008,
+// Towards 3D point cloud based object maps for household environments], of those points alone that
+// nothing else can judge, and by neighbours in the image, where surfaces are dense whatever the
+// range.
 int RemoveUnconfirmedOutliers(const UnconfirmedPointOptions& options, Scene* scene);
 
 }  // namespace rsfm

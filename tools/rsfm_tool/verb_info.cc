@@ -109,6 +109,7 @@ void PrintStatus(const status_t& status) {
                                 {"repeated", status.nav_repeated},
                                 {"too late", status.nav_too_late},
                                 {"frozen", status.nav_frozen},
+                                {"jumping", status.nav_jump},
                                 {"messages without a usable field", status.nav_unusable},
                                 {"outliers", status.nav_outliers}});
   std::printf(
