@@ -108,6 +108,7 @@ class Minimiser {
   // Steps that lower the cost by less than kNear of it are near the optimum: the loss's own
   // curvature is then taken into account, up to kCurvatureTaken.
   static constexpr double kNear = 0.01, kCurvatureTaken = 0.5;
+  static constexpr double kForetold = 0.01;
 
   Outcome Refuse() {
     lambda_ *= growth_;
@@ -135,7 +136,10 @@ class Minimiser {
     const double cost = passes_.MovePoints(state_, pose_step, shared_step, &moved);
     const double gain = (cost_ - cost) / predicted;
     if (!(cost < cost_) || !(gain > 1e-4)) return Refuse();
-    lambda_ = std::max(1e-12, lambda_ * std::max(0.1, 1.0 - std::pow(2.0 * gain - 1.0, 3)));
+    // Where the model foretold the cost, what the data hardly know (a scale that bent rays alone
+    // tell) is held back by nothing but the damping.
+    const double least = std::abs(gain - 1.0) < kForetold ? 1e-3 : 0.1;
+    lambda_ = std::max(1e-12, lambda_ * std::max(least, 1.0 - std::pow(2.0 * gain - 1.0, 3)));
     growth_ = 2.0;
     state_ = std::move(moved);
     passes_.Accept();
