@@ -58,9 +58,12 @@ LoopCloser::LoopCloser(const MapperOptions& options, const AnyCamera& camera)
     : options_(options),
       graph_(GraphOptions(options)),
       places_(options, camera),
-      known_(Count(GraphOptions(options).max_nodes)) {}
+      known_(Count(GraphOptions(options).max_nodes)),
+      shift_variances_(Count(options.max_places)) {}
 
-std::size_t LoopCloser::bytes() const { return graph_.bytes() + places_.bytes() + known_.bytes(); }
+std::size_t LoopCloser::bytes() const {
+  return graph_.bytes() + places_.bytes() + known_.bytes() + shift_variances_.bytes();
+}
 
 void LoopCloser::Clear() noexcept {
   graph_.Clear();
@@ -110,6 +113,22 @@ Vec6 LoopCloser::WayVariance(int node) const noexcept {
                        graph_.world_from_camera(node).translation;
   sum.tail<3>().array() += sum.head<3>().maxCoeff() * between.squaredNorm();
   return sum;
+}
+
+// The shifts' variance of WayVariance of each place, once along the way for all of them.
+void LoopCloser::SumWays() noexcept {
+  const std::span<const PlaceArchive::Place> places = places_.places();
+  shift_variances_.TryResize(places.size());
+  if (places.empty()) return;
+  const Vec3& end = graph_.world_from_camera(graph_.size() - 1).translation;
+  Vec6 sum = Vec6::Zero();
+  int node = graph_.size() - 1;
+  for (std::size_t i = places.size(); i-- > 0;) {
+    for (; node > places[i].node; --node) sum += graph_.variance(node);
+    const double between_m2 =
+        (end - graph_.world_from_camera(places[i].node).translation).squaredNorm();
+    shift_variances_[i] = sum.tail<3>().sum() + 3.0 * sum.head<3>().maxCoeff() * between_m2;
+  }
 }
 
 // The oldest quarter of the way is forgotten.
@@ -272,14 +291,15 @@ std::span<const PlaceArchive::Place> LoopCloser::LookAt(const Map& map, const Fr
   std::array<int, kCandidates> similarities{};
   const std::span<const PlaceArchive::Place> places = places_.places();
   const std::size_t count = std::min(places.size(), kPlacesPerLook);
+  if (expected != nullptr) SumWays();
   for (std::size_t i = 0; i < count; ++i, ++next_look_) {
     if (next_look_ >= places.size()) next_look_ = 0;
     const PlaceArchive::Place& place = places[next_look_];
     if (expected != nullptr) {
       const Vec3 away = graph_.world_from_camera(place.node).translation -
                         expected->camera_from_world.OriginOfTarget();
-      const double variance = expected->covariance.bottomRightCorner<3, 3>().trace() +
-                              WayVariance(place.node).tail<3>().sum();
+      const double variance =
+          expected->covariance.bottomRightCorner<3, 3>().trace() + shift_variances_[next_look_];
       if (away.norm() > kReach * place.range_m + 3.0 * std::sqrt(variance)) continue;
     }
     const bool is_in_map =

@@ -97,6 +97,7 @@ class LoopCloser {
   static bool IsFarFrom(const Rigid3& pose, const Rigid3& told) noexcept;
 
   Vec6 WayVariance(int node) const noexcept;
+  void SumWays() noexcept;
   Vec6 LinkVariance(const Keyframe& keyframe, const Rigid3& world_from_camera) noexcept;
   struct Anchored {
     std::int32_t keyframe_id = -1;  // none
@@ -125,7 +126,8 @@ class LoopCloser {
   MapperOptions options_;
   PoseGraph graph_;
   PlaceArchive places_;
-  FixedVector<Known> known_;  // of each node
+  FixedVector<Known> known_;             // of each node
+  FixedVector<double> shift_variances_;  // of the way since each place, m2; of the last look
   StaticVector<PlaceArchive::Place, kCandidates> near_;
   std::size_t next_look_ = 0;            // at that place the next search begins
   StaticVector<Anchored, 4> anchored_;   // that have not come to be nodes yet
