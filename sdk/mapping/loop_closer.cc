@@ -40,6 +40,13 @@ Mat6 AlongWorld(const Mat6& covariance, const Rigid3& world_from_camera) {
   return turned;
 }
 
+// The variances of a way, as seen from its end: what is not known of a turn then moves it by all
+// that lies between.
+Vec6 AtTheEnd(Vec6 sum, const Vec3& between) {
+  sum.tail<3>().array() += sum.head<3>().maxCoeff() * between.squaredNorm();
+  return sum;
+}
+
 // A left perturbation of b_from_a is a right one of a_from_b, the other way round. `b` is left out.
 PoseGraph::Loop MakeLoop(int node, const PlaceArchive::Sighting& seen) {
   PoseGraph::Loop loop;
@@ -104,15 +111,12 @@ Vec6 LoopCloser::LinkVariance(const Keyframe& keyframe, const Rigid3& world_from
   return variance;
 }
 
-// Of the way since that node, as seen from its end: what is not known of a turn then moves it by
-// all that lies between.
+// Of the way since that node, as seen from its end.
 Vec6 LoopCloser::WayVariance(int node) const noexcept {
   Vec6 sum = Vec6::Zero();
   for (int i = node + 1; i < graph_.size(); ++i) sum += graph_.variance(i);
-  const Vec3 between = graph_.world_from_camera(graph_.size() - 1).translation -
-                       graph_.world_from_camera(node).translation;
-  sum.tail<3>().array() += sum.head<3>().maxCoeff() * between.squaredNorm();
-  return sum;
+  return AtTheEnd(sum, graph_.world_from_camera(graph_.size() - 1).translation -
+                           graph_.world_from_camera(node).translation);
 }
 
 // The shifts' variance of WayVariance of each place, once along the way for all of them.
@@ -125,9 +129,8 @@ void LoopCloser::SumWays() noexcept {
   int node = graph_.size() - 1;
   for (std::size_t i = places.size(); i-- > 0;) {
     for (; node > places[i].node; --node) sum += graph_.variance(node);
-    const double between_m2 =
-        (end - graph_.world_from_camera(places[i].node).translation).squaredNorm();
-    shift_variances_[i] = sum.tail<3>().sum() + 3.0 * sum.head<3>().maxCoeff() * between_m2;
+    const Vec3 between = end - graph_.world_from_camera(places[i].node).translation;
+    shift_variances_[i] = AtTheEnd(sum, between).tail<3>().sum();
   }
 }
 

@@ -33,6 +33,12 @@ bool IsSigma(const Vec3& sigma) {
   return IsSigma(sigma.x()) && IsSigma(sigma.y()) && IsSigma(sigma.z());
 }
 
+// Of one more that is not expected, and whether it goes on from the one before: enough in a row?
+bool IsConfirmed(bool goes_on, int* in_a_row) {
+  *in_a_row = *in_a_row > 0 && goes_on ? *in_a_row + 1 : 1;
+  return *in_a_row >= kThatConfirm;
+}
+
 // What RepeatWatch compares.
 Vec4 Bits(double v) { return {v, 0.0, 0.0, 0.0}; }
 Vec4 Bits(const Vec3& v) { return {v.x(), v.y(), v.z(), 0.0}; }
@@ -126,10 +132,9 @@ bool NavBuffer::IsBelieved(Utime utime, Series<Sample>* series) noexcept {
     series->num_ahead = 0;
     return true;
   }
-  const bool goes_on = series->num_ahead > 0 && std::abs(utime - series->ahead) <= kFarAheadUs;
-  series->num_ahead = goes_on ? series->num_ahead + 1 : 1;
+  const bool goes_on = std::abs(utime - series->ahead) <= kFarAheadUs;
   series->ahead = utime;
-  return series->num_ahead >= kThatConfirm;
+  return IsConfirmed(goes_on, &series->num_ahead);
 }
 
 // Only against newer times: a late sample lies between others, and what comes after a gap may be
@@ -148,22 +153,21 @@ bool NavBuffer::HasJumped(const Sample& sample, Series<Sample>* series) noexcept
     series->num_jumped = 0;
     return false;
   }
-  const bool agrees = series->num_jumped > 0 && !is_far(series->jumped);
-  series->num_jumped = agrees ? series->num_jumped + 1 : 1;
+  const bool agrees = !is_far(series->jumped);
   series->jumped = sample;
-  return series->num_jumped < kThatConfirm;
+  return !IsConfirmed(agrees, &series->num_jumped);
 }
 
 template <class Sample>
 bool NavBuffer::GoesOnBehind(Utime utime, Series<Sample>* series) noexcept {
-  const bool goes_on = series->num_behind > 0 && utime > series->behind;
-  series->num_behind = goes_on ? series->num_behind + 1 : 1;
+  const bool goes_on = utime > series->behind;
   series->behind = utime;
-  return series->num_behind >= kThatConfirm;
+  return IsConfirmed(goes_on, &series->num_behind);
 }
 
 template <class Sample>
 bool NavBuffer::Store(const Sample& sample, Series<Sample>* series) noexcept {
+  if (!IsSigma(sample.sigma)) return Reject(NavReject::kOutOfRange), false;
   if (sample.utime < horizon_) return Reject(NavReject::kTooLate), false;
   if (!IsBelieved(sample.utime, series)) return Reject(NavReject::kOutOfRange), false;
   if (!series->empty()) {
@@ -178,7 +182,6 @@ bool NavBuffer::Store(const Sample& sample, Series<Sample>* series) noexcept {
       series->num_behind = 0;
     }
   }
-  if (!IsSigma(sample.sigma)) return Reject(NavReject::kOutOfRange), false;
   if (HasJumped(sample, series)) return Reject(NavReject::kJump), false;
   if (!series->may_stay && !series->repeats.Take(sample.utime, Bits(sample.value)))
     return Reject(NavReject::kFrozen), false;

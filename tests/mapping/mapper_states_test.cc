@@ -88,7 +88,7 @@ TEST(MapperStates, NorFartherThanTheVehicleGoes) {
   }
 }
 
-// The same without navigation is what the test above is worth: the wrong place is taken.
+// The same without navigation is what the tests above are worth: the wrong place is taken.
 TEST(MapperStates, WithoutNavigationALookAlikeIsTakenForThePlace) {
   FeatureWorldOptions look_alike;
   look_alike.repeat_m = 6.0;

@@ -48,7 +48,7 @@ enum class Verdict { kNone, kAgrees, kContradicts };
 
 Verdict Judge(const UnconfirmedPointOptions& options, int width,
               const std::vector<Confirmed>& confirmed, const Vec2& pixel, double log_range,
-              Nearest* nearest, std::vector<double>* log_ranges) {
+              Nearest* nearest) {
   const auto enough = [&] { return static_cast<int>(nearest->size()) >= options.min_neighbours; };
   FindNear(confirmed, pixel, options.radius * width, nearest);
   if (!enough()) FindNear(confirmed, pixel, options.far_radius * width, nearest);
@@ -56,12 +56,11 @@ Verdict Judge(const UnconfirmedPointOptions& options, int width,
   const std::size_t asked = std::min(nearest->size(), static_cast<std::size_t>(options.neighbours));
   std::partial_sort(nearest->begin(), nearest->begin() + static_cast<std::ptrdiff_t>(asked),
                     nearest->end());
+  nearest->resize(asked);
+  std::sort(nearest->begin(), nearest->end(),
+            [](const auto& a, const auto& b) { return a.second < b.second; });
   // Without the nearest and the farthest: a confirmed point may be wrong, too.
-  std::vector<double>& ranges = *log_ranges;
-  ranges.clear();
-  for (std::size_t i = 0; i < asked; ++i) ranges.push_back((*nearest)[i].second);
-  std::sort(ranges.begin(), ranges.end());
-  const double low = ranges[1], high = ranges[asked - 2];
+  const double low = (*nearest)[1].second, high = (*nearest)[asked - 2].second;
   const double margin = options.spreads * std::max(high - low, options.min_spread);
   return log_range < low - margin || log_range > high + margin ? Verdict::kContradicts
                                                                : Verdict::kAgrees;
@@ -72,7 +71,6 @@ Verdict Judge(const UnconfirmedPointOptions& options, int width,
 int RemoveUnconfirmedOutliers(const UnconfirmedPointOptions& options, Scene* scene) {
   std::vector<Verdict> verdicts(scene->points.size(), Verdict::kNone);
   Nearest nearest;
-  std::vector<double> log_ranges;
   for (const SceneImage& image : scene->images) {
     if (!image.placed) continue;
     const std::vector<Confirmed> confirmed = ConfirmedPoints(*scene, image);
@@ -80,7 +78,7 @@ int RemoveUnconfirmedOutliers(const UnconfirmedPointOptions& options, Scene* sce
       const std::int32_t p = image.points[f];
       if (p == kNoPoint || scene->points[p].track.size() != 2) continue;
       const Verdict verdict = Judge(options, scene->camera.width, confirmed, image.features[f],
-                                    LogRange(image, scene->points[p].xyz), &nearest, &log_ranges);
+                                    LogRange(image, scene->points[p].xyz), &nearest);
       if (verdicts[p] != Verdict::kAgrees && verdict != Verdict::kNone) verdicts[p] = verdict;
     }
   }
