@@ -39,6 +39,8 @@ void Capture::TrackClock(std::int64_t now_us) {
     best_utc = utc;
   }
   offset_.Track(best_before, best_utc, best_after);
+  // Times increase from one set clock to the next; what a set clock means is the mapper's to judge.
+  if (counters_.clock_steps != offset_.num_steps()) last_utime_ = INT64_MIN;
   counters_.clock_steps = offset_.num_steps();
   exposure_us_ = device_->ExposureUs();
 }

@@ -8,14 +8,18 @@ void ClockOffset::Track(std::int64_t monotonic_before_us, Utime utc,
                         std::int64_t monotonic_after_us) {
   const std::int64_t middle = monotonic_before_us + (monotonic_after_us - monotonic_before_us) / 2;
   const auto measured = static_cast<double>(utc - middle);
+  const std::int64_t reading_us = monotonic_after_us - monotonic_before_us;
   const double change = measured - offset_us_;
-  if (!is_known_ || std::abs(change) > static_cast<double>(kStepUs)) {
-    if (is_known_) ++num_steps_;
+  if (!is_known_ || std::abs(change) > static_cast<double>(kStepUs + reading_us / 2)) {
+    if (is_known_) {
+      ++num_steps_;
+      last_step_us_ = std::llround(change);
+    }
     offset_us_ = measured;
     is_known_ = true;
     return;
   }
-  offset_us_ += change / 8.0;
+  if (reading_us <= kMaxReadingUs) offset_us_ += change / 8.0;
 }
 
 std::int64_t MidExposureUs(StampKind kind, std::int64_t stamp_us, double exposure_us,

@@ -21,18 +21,22 @@ class ClockOffset {
  public:
   static constexpr std::int64_t kStepUs = 10'000;
 
-  // One reading of UTC between two of the monotonic clock.
+  // One reading of UTC between two of the monotonic clock. A reading that took long says little: it
+  // is followed only where the clock was set by more than it leaves open.
   void Track(std::int64_t monotonic_before_us, Utime utc, std::int64_t monotonic_after_us);
   Utime ToUtc(std::int64_t monotonic_us) const {
     return monotonic_us + static_cast<std::int64_t>(offset_us_);
   }
   bool is_known() const { return is_known_; }
   std::int64_t num_steps() const { return num_steps_; }
+  std::int64_t last_step_us() const { return last_step_us_; }  // negative: set back
 
  private:
+  static constexpr std::int64_t kMaxReadingUs = 1000;
+
   double offset_us_ = 0.0;  // 1.7e15: exact to a quarter of a microsecond
   bool is_known_ = false;
-  std::int64_t num_steps_ = 0;
+  std::int64_t num_steps_ = 0, last_step_us_ = 0;
 };
 
 // The moment in the middle of an image's exposure, of the middle row for a rolling shutter, on the

@@ -215,22 +215,41 @@ TEST_F(CaptureTest, ADeviceThatChangesFormatIsNegotiatedAgain) {
   EXPECT_THAT(ToString(*capture.last_problem()), HasSubstr("GREY 16x12"));
 }
 
-TEST_F(CaptureTest, TimesAlwaysIncrease) {
+TEST_F(CaptureTest, TimesIncreaseAndFollowAClockThatIsSet) {
+  for (const std::int64_t step_us : {-2'500'000L, 2'500'000L, -3'600'000'000L}) {
+    Capture capture = Make();
+    ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+    video_.utc_minus_monotonic_us += step_us;
+    Utime last = frame_.utime;
+    int num_steps = 0;
+    // Both clocks are read within a second: from then on every image has the new time.
+    for (int i = 0; i < 60; ++i) {
+      ASSERT_EQ(capture.Next(100, grey_, &frame_), Result::kFrame) << i;
+      if (frame_.utime - last != 100'000) {
+        ++num_steps;
+        EXPECT_EQ(frame_.utime - last, 100'000 + step_us);
+        EXPECT_LE(i, 10);
+      }
+      last = frame_.utime;
+    }
+    EXPECT_EQ(num_steps, 1);
+    EXPECT_EQ(last, frame_.mid_exposure_us + video_.utc_minus_monotonic_us);
+    EXPECT_EQ(capture.counters().clock_steps, 1);
+    EXPECT_EQ(capture.counters().late, 0);
+  }
+}
+
+TEST_F(CaptureTest, StampsThatRunBackwardsByOneClockAreLate) {
   Capture capture = Make();
   ASSERT_EQ(NextFrame(&capture), Result::kFrame);
-  const Utime last = frame_.utime;
-  video_.utc_minus_monotonic_us -= 2'500'000;  // the system's clock is set back
-  // The next reading of both clocks is within a second.
-  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
-  Utime newest = frame_.utime;
-  for (int i = 0; i < 60; ++i) {
-    if (capture.Next(100, grey_, &frame_) != Result::kFrame) continue;
-    EXPECT_GT(frame_.utime, newest);
-    newest = frame_.utime;
-  }
-  EXPECT_GT(newest, last);
-  EXPECT_EQ(capture.counters().clock_steps, 1);
-  EXPECT_GT(capture.counters().late, 15);
+  const Utime first = frame_.utime;
+  video_.stamp_delay_us = 250'000;  // of the next two images: older than the first
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kNothing);
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kNothing);
+  ASSERT_EQ(capture.Next(100, grey_, &frame_), Result::kFrame);
+  EXPECT_EQ(frame_.utime, first + 50'000);
+  EXPECT_EQ(capture.counters().late, 2);
+  EXPECT_EQ(capture.counters().clock_steps, 0);
 }
 
 TEST_F(CaptureTest, ControlsChangeWhileItStreams) {

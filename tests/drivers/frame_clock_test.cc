@@ -46,6 +46,23 @@ TEST(ClockOffsetTest, FollowsADisciplinedClockSmoothlyAndASetClockAtOnce) {
   offset.Track(3000, utc + 3'600'000'000, 3000);
   EXPECT_EQ(offset.ToUtc(3000), utc + 3'600'000'000);
   EXPECT_EQ(offset.num_steps(), 1);
+  EXPECT_NEAR(static_cast<double>(offset.last_step_us()), 3.6e9, 5000.0);
+  offset.Track(4000, utc + 4000, 4000);
+  EXPECT_EQ(offset.ToUtc(5000), utc + 5000);
+  EXPECT_EQ(offset.num_steps(), 2);
+  EXPECT_NEAR(static_cast<double>(offset.last_step_us()), -3.6e9, 5000.0);
+}
+
+// On a busy machine a thread may lose the processor between two readings.
+TEST(ClockOffsetTest, AReadingThatTookLongIsNoStep) {
+  ClockOffset offset;
+  const Utime utc = 1'700'000'000'000'000;
+  offset.Track(1000, utc + 1000, 1000);
+  offset.Track(2000, utc + 2000, 62'000);  // UTC was read at once, then 60 ms passed: 30 ms off
+  EXPECT_EQ(offset.num_steps(), 0);
+  EXPECT_EQ(offset.ToUtc(5000), utc + 5000);
+  offset.Track(70'000, utc + 170'000, 130'000);  // a step of 70 to 130 ms all the same
+  EXPECT_EQ(offset.num_steps(), 1);
 }
 
 TEST(FrameClockTest, StampsThatCannotBeAreNone) {
