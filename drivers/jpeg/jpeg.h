@@ -21,7 +21,8 @@ class JpegDecoder {
   // kCorrupt where the data is no JPEG.
   Expected<Size> ReadSize(std::span<const std::uint8_t> data);
   // The luminance, rows without padding. kInvalidArgument, nothing written, when the image is of
-  // another size; kCorrupt for damaged or cut-off data, `grey` then holds what could be read.
+  // another size; kCorrupt for damaged or cut-off data, `grey` then holds what could be read. What
+  // many cameras put before the end of the image, a run of one value, is no damage.
   Status Decode(std::span<const std::uint8_t> data, int width, int height, std::uint8_t* grey);
 
  private:

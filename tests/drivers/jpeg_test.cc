@@ -64,6 +64,87 @@ TEST(JpegTest, EveryCutAndRandomBytesAreErrors) {
   EXPECT_TRUE(decoder->Decode(*data, kWidth, kHeight, back.data()));
 }
 
+std::vector<std::uint8_t> Noisy() {
+  Rng rng(5);
+  std::vector<std::uint8_t> image = Smooth();
+  for (auto& grey : image) grey = static_cast<std::uint8_t>(grey + rng.Uniform(-20.0, 20.0));
+  return image;
+}
+
+// `image` with `count` bytes more before its end marker.
+std::vector<std::uint8_t> Pad(std::vector<std::uint8_t> image, std::size_t count, int value) {
+  image.insert(image.end() - 2, count, static_cast<std::uint8_t>(value));
+  return image;
+}
+
+constexpr int kHeaderBytes = 400;  // and a bit: before the rows
+
+class JpegPaddingTest : public ::testing::Test {
+ protected:
+  JpegPaddingTest() {
+    auto encoder = JpegEncoder::Create(kWidth, kHeight);
+    const auto encoded = encoder->Encode(Noisy().data(), kWidth, 80);
+    data_.assign(encoded->begin(), encoded->end());
+    EXPECT_TRUE(Decode(data_));
+    whole_ = grey_;
+  }
+  bool Decode(const std::vector<std::uint8_t>& data) {
+    grey_.assign(static_cast<std::size_t>(kWidth) * kHeight, 0);
+    return decoder_->Decode(data, kWidth, kHeight, grey_.data()).has_value();
+  }
+
+  Expected<JpegDecoder> decoder_ = JpegDecoder::Create();
+  std::vector<std::uint8_t> data_, grey_, whole_;
+};
+
+TEST_F(JpegPaddingTest, PaddingBeforeTheEndIsNoDamage) {
+  for (const std::size_t count : {1u, 2u, 5u, 8u, 20u, 64u, 511u, 4096u}) {
+    for (const int value : {0x00, 0xff, 0x55}) {
+      EXPECT_TRUE(Decode(Pad(data_, count, value))) << count << " of " << value;
+      EXPECT_EQ(grey_, whole_);
+    }
+  }
+  // What follows the end is nobody's.
+  std::vector<std::uint8_t> longer = Pad(data_, 64, 0);
+  longer.insert(longer.end(), 300, 0xd9);
+  EXPECT_TRUE(Decode(longer));
+  EXPECT_TRUE(Decode(data_));
+}
+
+TEST_F(JpegPaddingTest, ACutOffImageIsRefusedWhateverItIsPaddedWith) {
+  for (const std::size_t lost : {100u, 300u, 600u}) {
+    ASSERT_LT(lost + kHeaderBytes, data_.size());
+    std::vector<std::uint8_t> cut = data_;
+    cut.erase(cut.end() - 2 - static_cast<std::ptrdiff_t>(lost), cut.end() - 2);
+    EXPECT_FALSE(Decode(cut)) << lost;
+    // Padding that is taken for rows must not make it whole.
+    for (const int value : {0x00, 0x55})
+      EXPECT_FALSE(Decode(Pad(cut, 4096, value))) << lost << " " << value;
+  }
+}
+
+// Rows that lost their place leave codes over before the end, or run out of them. (Many flipped
+// bits cannot be told from another picture: JPEG has no check sum.)
+TEST_F(JpegPaddingTest, DamagedRowsThatShowAreRefusedPaddedOrNot) {
+  std::vector<std::uint8_t> more = data_;
+  more.insert(more.end() - 2, data_.end() - 60, data_.end() - 2);
+  EXPECT_FALSE(Decode(more));
+  Rng rng(11);
+  int num_refused = 0, num_refused_padded = 0;
+  for (int i = 0; i < 300; ++i) {
+    std::vector<std::uint8_t> damaged = data_;
+    const auto at = static_cast<std::size_t>(
+        rng.Uniform(kHeaderBytes, static_cast<double>(damaged.size()) - 200.0));
+    for (std::size_t k = 0; k < 8; ++k)
+      damaged[at + k] = static_cast<std::uint8_t>(rng.Uniform(0.0, 254.9));
+    if (Decode(damaged)) continue;
+    ++num_refused;
+    num_refused_padded += !Decode(Pad(damaged, 64, 0));
+  }
+  EXPECT_GT(num_refused, 100);
+  EXPECT_EQ(num_refused_padded, num_refused);
+}
+
 TEST(JpegTest, ImpossibleRequestsAreRefused) {
   EXPECT_FALSE(JpegEncoder::Create(0, 10));
   EXPECT_FALSE(JpegEncoder::Create(10, 70000));
