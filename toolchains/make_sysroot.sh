@@ -8,7 +8,8 @@ usage: toolchains/make_sysroot.sh [--arch arm64|armhf] [--distribution bookworm|
 
 The first fetches packages from the distribution's own archive (Debian 12 by default; jammy is Ubuntu 22.04) and unpacks them;
 nothing of them is run, and it needs no root. The second copies what a vehicle has: FOLDER is its file system, mounted, or
-copied with its usr/include, usr/lib, usr/share and lib. DEST is build/sysroot-<arch> by default and must not exist yet.
+copied with its usr/include, usr/lib, usr/share, lib, etc and var/lib/dpkg (which library is in which package: without it the names
+that the .deb depends on are guessed). DEST is build/sysroot-<arch> by default and must not exist yet.
   --mirror URL   another archive than the distribution's
 USAGE
 }
@@ -44,6 +45,19 @@ trap 'rm -rf "$part"' EXIT
 # What the on-board targets need, and their tests (GoogleTest; Ceres, with its BLAS and LAPACK, for automatic derivatives).
 packages=(libc6-dev libeigen3-dev libboost-dev libyaml-cpp-dev libopencv-dev liblcm-dev libgtest-dev libgmock-dev libceres-dev libblas-dev liblapack-dev)
 
+# The package data base that dpkg would have written: mmdebstrap unpacks only.
+# shellcheck disable=SC2016  # $1 is the hook's: the folder
+record='info=$1/var/lib/dpkg/info
+for deb in "$1"/var/cache/apt/archives/*.deb; do
+  name=$(dpkg-deb -f "$deb" Package)
+  [ "$(dpkg-deb -f "$deb" Multi-Arch)" != same ] || name=$name:$(dpkg-deb -f "$deb" Architecture)
+  dpkg-deb --fsys-tarfile "$deb" | tar -t | sed -e "s,^\.,," -e "s,\(.\)/\$,\1," >"$info/$name.list"
+  for file in shlibs symbols; do
+    dpkg-deb --ctrl-tarfile "$deb" | tar -xO "./$file" >"$info/$name.$file" 2>/dev/null || rm -f "$info/$name.$file"
+  done
+  { dpkg-deb -f "$deb" Package Architecture Multi-Arch Version Depends; printf "Status: install ok unpacked\n\n"; } >>"$1/var/lib/dpkg/status"
+done'
+
 fetch() {
   command -v mmdebstrap >/dev/null || fail "mmdebstrap is not here: apt-get install mmdebstrap"
   local sources keyring extra
@@ -68,7 +82,7 @@ deb $mirror jammy-updates main universe"
   local mode=chrootless
   ((EUID == 0)) && mode=root
   mmdebstrap --quiet --mode=$mode --variant=extract --arch="$arch" --include="$include" --keyring="$keyring" \
-    --aptopt='Apt::Install-Recommends "false"' --aptopt='Acquire::Languages "none"' \
+    --aptopt='Apt::Install-Recommends "false"' --aptopt='Acquire::Languages "none"' --extract-hook="$record" \
     "$distribution" "$part" - <<<"$sources"
   rm -rf "$part"/usr/share/{doc,man,locale} "$part"/var/cache/apt "$part"/dev
 }
@@ -82,7 +96,16 @@ copy() {
     if [[ -d $from/usr/share/$folder ]]; then cp -a "$from/usr/share/$folder" "$part/usr/share/"; fi
   done
   if [[ -L $from/lib ]]; then ln -s usr/lib "$part/lib"; elif [[ -d $from/lib ]]; then cp -a "$from/lib" "$part/"; fi
-  if [[ -d $from/etc/alternatives ]]; then mkdir -p "$part/etc"; cp -a "$from/etc/alternatives" "$part/etc/"; fi
+  for folder in alternatives ld.so.conf.d; do
+    if [[ -d $from/etc/$folder ]]; then mkdir -p "$part/etc"; cp -a "$from/etc/$folder" "$part/etc/"; fi
+  done
+  mkdir -p "$part/var/lib/dpkg/info"
+  if [[ -f $from/var/lib/dpkg/status && -d $from/var/lib/dpkg/info ]]; then
+    cp -a "$from/var/lib/dpkg/status" "$part/var/lib/dpkg/"
+    find "$from/var/lib/dpkg/info" \( -name '*.list' -o -name '*.shlibs' -o -name '*.symbols' \) -exec cp -a -t "$part/var/lib/dpkg/info" {} +
+  else
+    echo "warning: $from has no var/lib/dpkg: what the packages depend on is guessed" >&2
+  fi
 }
 
 if [[ -n $from ]]; then copy; else fetch; fi

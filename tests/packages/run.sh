@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# run.sh BUILD WORK VERSION [EMULATOR…]: makes the packages of a build, installs them with dpkg into an empty root folder with a data
-# base of its own, runs the programs there, and removes them. EMULATOR runs them where they are another machine's.
+# run.sh BUILD WORK VERSION [SYSROOT EMULATOR…]: makes the packages of a build, installs them with dpkg into an empty root folder with a data
+# base of its own, runs the programs there, and removes them. For another machine SYSROOT is its system and EMULATOR runs its programs.
 set -euo pipefail
-build=$1 work=$2 version=$3
+build=$1 work=$2 version=$3 sysroot=
 shift 3
+if (($#)); then sysroot=$1; shift; fi
 fail() { echo "FAILED: $1" >&2; exit 1; }
 command -v dpkg >/dev/null || { echo "skipped: dpkg is not here"; exit 77; }
 rm -rf "$work"
@@ -16,11 +17,17 @@ for deb in "${debs[@]}"; do
   [[ $(dpkg-deb -f "$deb" Version) == "$version"* ]] || fail "$name has the wrong version"
   [[ -n $(dpkg-deb -f "$deb" Depends) ]] || fail "$name depends on nothing"
   echo "$name $(dpkg-deb -f "$deb" Architecture), $(($(stat -c %s "$deb") / 1024)) kB, depends on $(dpkg-deb -f "$deb" Depends)"
-  # Everything it depends on is a package that this system knows, unless it is for another one.
-  if (($# == 0)); then
-    dpkg-deb -f "$deb" Depends | tr ',' '\n' | while read -r package; do
-      dpkg-query -W "$package" >/dev/null 2>&1 || fail "$name depends on $package, which is not installed here"
+  # Everything it depends on is a package that the system it is for knows: this one, or the sysroot's data base.
+  if (($#)) && [[ ! -s $sysroot/var/lib/dpkg/status ]]; then echo "the sysroot has no package data base: dependencies are not checked"; continue; fi
+  dpkg-deb -f "$deb" Depends | tr ',' '\n' | while read -r alternatives; do
+    known=
+    for package in $(sed -e 's/([^)]*)//g' -e 's/|/ /g' <<<"$alternatives"); do
+      if dpkg-query ${1:+--admindir="$sysroot/var/lib/dpkg"} -W "$package" >/dev/null 2>&1; then known=1; fi
     done
+    [[ -n $known ]] || fail "$name depends on $alternatives, which is not there"
+  done
+  if [[ $name == rsfm-onboard ]]; then
+    [[ $(dpkg-deb -f "$deb" Depends) == *'libc6 (>= '* ]] || fail "$name does not say which C library is old enough for it"
   fi
 done
 in_root() {
