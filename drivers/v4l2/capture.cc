@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 
 namespace rsfm {
@@ -43,11 +44,28 @@ void Capture::TrackClock(std::int64_t now_us) {
   if (counters_.clock_steps != offset_.num_steps()) last_utime_ = INT64_MIN;
   counters_.clock_steps = offset_.num_steps();
   exposure_us_ = device_->ExposureUs();
+  failures_.Take(device_->failures());
+}
+
+// With the controls that wait; where only they are in the way, without.
+IoExpected<VideoDevice> Capture::OpenDevice() {
+  if (!waiting_) return VideoDevice::Open(system_, options_, width_, height_);
+  auto device = VideoDevice::Open(system_, *waiting_, width_, height_);
+  if (device) {
+    options_ = std::move(*waiting_);
+    waiting_.reset();
+    return device;
+  }
+  auto as_before = VideoDevice::Open(system_, options_, width_, height_);
+  if (!as_before) return device;
+  control_problem_ = std::move(device.error());
+  waiting_.reset();
+  return as_before;
 }
 
 IoStatus Capture::Open() {
   if (device_) return {};
-  auto device = VideoDevice::Open(system_, options_, width_, height_);
+  auto device = OpenDevice();
   const std::int64_t now_us = system_->MonotonicUs();
   retry_at_us_ = now_us + retry_after_us_;
   retry_after_us_ = std::min(2 * retry_after_us_, kLastRetryUs);
@@ -66,7 +84,9 @@ IoStatus Capture::Open() {
   device_ = std::make_unique<VideoDevice>(std::move(*device));
   counters_.restarts += was_open_ ? 1 : 0;
   was_open_ = true;
+  has_format_to_tell_ = true;
   has_sequence_ = false;
+  num_bad_since_ = 0;
   io_errors_in_a_row_ = 0;
   last_good_us_ = now_us;
   last_track_us_ = now_us - kTrackPeriodUs;
@@ -74,8 +94,14 @@ IoStatus Capture::Open() {
   return {};
 }
 
-Capture::Result Capture::Failed(Diagnostic problem, std::int64_t now_us) {
+void Capture::CloseDevice() {
+  device_->Stop();
+  failures_.Take(device_->failures());
   device_.reset();
+}
+
+Capture::Result Capture::Failed(Diagnostic problem, std::int64_t now_us) {
+  CloseDevice();
   last_problem_ = std::move(problem);
   retry_at_us_ = now_us + retry_after_us_;
   retry_after_us_ = std::min(2 * retry_after_us_, kLastRetryUs);
@@ -108,12 +134,20 @@ Capture::Result Capture::Next(int timeout_ms, std::uint8_t* grey, CapturedFrame*
   unsigned events = 0;
   if (const int error = system_->Poll(device_->fd(), timeout_ms, &events); error != 0)
     return Failed(Error{Errc::kIo, "poll", error}, system_->MonotonicUs());
-  if ((events & VideoSystem::kException) != 0 && device_->SourceHasChanged()) {
-    return Failed({Errc::kIo, options_.device, "", "has changed its format", "it is opened again"},
-                  system_->MonotonicUs());
+  if ((events & VideoSystem::kException) != 0) {
+    const bool has_changed = device_->SourceHasChanged();
+    failures_.Take(device_->failures());
+    if (has_changed) {
+      return Failed(
+          {Errc::kIo, options_.device, "", "has changed its format", "it is opened again"},
+          system_->MonotonicUs());
+    }
   }
-  if ((events & (VideoSystem::kReadable | VideoSystem::kError)) == 0)
+  if ((events & (VideoSystem::kReadable | VideoSystem::kError)) == 0) {
+    // An event that could not be taken: poll would report it again at once.
+    if (events != 0) system_->Wait(kErrorPauseUs);
     return Nothing(system_->MonotonicUs());
+  }
   const Result result = Take(grey, frame);
   // An error that brought no frame: poll would report it again at once.
   if (result == Result::kNothing && (events & VideoSystem::kError) != 0)
@@ -125,12 +159,18 @@ bool Capture::Convert(const RawFrame& raw, std::uint8_t* grey) {
   return !raw.is_damaged && converter_->Convert(raw.data, grey).has_value();
 }
 
-void Capture::CountGap(std::uint32_t sequence) {
+// A bad buffer is counted by itself, and its number, if it has one, cannot be relied on.
+void Capture::CountGap(const RawFrame& raw) {
+  if (raw.is_damaged) {
+    ++num_bad_since_;
+    return;
+  }
   // Devices that do not count repeat a number; a step back is a new start.
-  const std::uint32_t gap = sequence - last_sequence_ - 1;
-  if (has_sequence_ && gap < 0x80000000u) counters_.missed += gap;
+  const std::uint32_t gap = raw.sequence - last_sequence_ - 1;
+  if (has_sequence_ && gap < 0x80000000u) counters_.missed += gap - std::min(gap, num_bad_since_);
   has_sequence_ = true;
-  last_sequence_ = sequence;
+  last_sequence_ = raw.sequence;
+  num_bad_since_ = 0;
 }
 
 bool Capture::SetTime(const RawFrame& raw, std::int64_t arrival_us, CapturedFrame* frame) {
@@ -159,13 +199,13 @@ Capture::Result Capture::Take(std::uint8_t* grey, CapturedFrame* frame) {
   const std::int64_t now_us = system_->MonotonicUs();
   if (!status) {
     if (status.error().detail == EAGAIN) return Nothing(now_us);
-    if (status.error().detail != EIO || ++io_errors_in_a_row_ >= kMaxIoErrors)
-      return Failed(status.error(), now_us);
+    if (status.error().detail != EIO) return Failed(status.error(), now_us);
     ++counters_.io_errors;
-    return Nothing(now_us);
+    ++num_bad_since_;
+    return ++io_errors_in_a_row_ < kMaxIoErrors ? Nothing(now_us) : Failed(status.error(), now_us);
   }
   io_errors_in_a_row_ = 0;
-  CountGap(raw.sequence);
+  CountGap(raw);
   const bool is_whole = Convert(raw, grey);
   if (const Status requeued = device_->Requeue(raw.index); !requeued)
     return Failed(requeued.error(), now_us);
@@ -182,17 +222,47 @@ Capture::Result Capture::Take(std::uint8_t* grey, CapturedFrame* frame) {
 }
 
 IoStatus Capture::ChangeControls(const CaptureOptions& options) {
-  if (device_) {
-    if (auto s = device_->SetControls(options); !s) {
-      static_cast<void>(device_->SetControls(options_));
-      return s;
-    }
-    exposure_us_ = device_->ExposureUs();
+  CaptureOptions changed = options_;
+  changed.exposure_us = options.exposure_us;
+  changed.gain = options.gain;
+  changed.controls = options.controls;
+  control_problem_.reset();
+  waiting_.reset();
+  if (!device_) {
+    waiting_ = std::move(changed);
+    retry_at_us_ = 0;  // they may be what it takes
+    return {};
   }
-  options_.exposure_us = options.exposure_us;
-  options_.gain = options.gain;
-  options_.controls = options.controls;
-  return {};
+  IoStatus status = device_->SetControls(changed);
+  if (status) {
+    options_ = std::move(changed);
+  } else if (const auto s = device_->SetControls(options_); !s) {
+    status.error().problem += "; those before could not be set again: " + ToString(s.error());
+    waiting_ = std::move(changed);  // for the next opening: it has vanished, most likely
+  }
+  exposure_us_ = device_->ExposureUs();
+  failures_.Take(device_->failures());
+  return status;
+}
+
+std::vector<std::string> Capture::TakeNews() {
+  std::vector<std::string> news;
+  if (has_format_to_tell_) {
+    has_format_to_tell_ = false;
+    std::string text = options_.device + ": " + ToString(format_);
+    if (text != format_told_) news.push_back(text);
+    format_told_ = std::move(text);
+  }
+  for (; num_failures_told_ < failures_.size(); ++num_failures_told_)
+    news.push_back(options_.device + ": " + ToString(failures_[num_failures_told_]));
+  if (num_steps_told_ != counters_.clock_steps) {
+    num_steps_told_ = counters_.clock_steps;
+    char text[80];
+    std::snprintf(text, sizeof text, "the system's clock was set by %+.3f s: images follow it",
+                  1e-6 * static_cast<double>(offset_.last_step_us()));
+    news.emplace_back(text);
+  }
+  return news;
 }
 
 }  // namespace rsfm

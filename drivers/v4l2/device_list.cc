@@ -13,8 +13,8 @@ std::string Text(const __u8 (&bytes)[N]) {
   return std::string(text, ::strnlen(text, N));
 }
 
-// 0, or the errno of what failed; EINVAL where the device does not capture.
-int Query(VideoSystem* system, int fd, CameraInfo* info) {
+// 0, or the errno of what failed. *captures: video, by streaming.
+int Query(VideoSystem* system, int fd, CameraInfo* info, bool* captures) {
   v4l2_capability capability = {};
   if (const int error = system->Ioctl(fd, VIDIOC_QUERYCAP, &capability); error != 0) return error;
   const std::uint32_t can = (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0
@@ -23,21 +23,29 @@ int Query(VideoSystem* system, int fd, CameraInfo* info) {
   info->card = Text(capability.card);
   info->driver = Text(capability.driver);
   info->bus = Text(capability.bus_info);
-  const bool captures = (can & V4L2_CAP_VIDEO_CAPTURE) != 0 && (can & V4L2_CAP_STREAMING) != 0;
-  return captures ? 0 : EINVAL;
+  *captures = (can & V4L2_CAP_VIDEO_CAPTURE) != 0 && (can & V4L2_CAP_STREAMING) != 0;
+  return 0;
 }
 
 }  // namespace
 
-std::vector<CameraInfo> ListCameras(VideoSystem* system) {
+std::vector<CameraInfo> ListCameras(VideoSystem* system, std::vector<Diagnostic>* problems) {
   std::vector<CameraInfo> cameras;
   for (const std::string& path : system->List()) {
     int fd = -1;
-    if (system->Open(path.c_str(), &fd) != 0) continue;
+    if (const int error = system->Open(path.c_str(), &fd); error != 0) {
+      problems->push_back(FromErrno(error, path, "open the camera"));
+      continue;
+    }
     const UniqueFd owner(system, fd);
     CameraInfo info;
     info.path = path;
-    if (Query(system, fd, &info) == 0) cameras.push_back(std::move(info));
+    bool captures = false;
+    if (const int error = Query(system, fd, &info, &captures); error != 0) {
+      problems->push_back(FromErrno(error, path, "do VIDIOC_QUERYCAP"));
+    } else if (captures) {
+      cameras.push_back(std::move(info));
+    }
   }
   return cameras;
 }
@@ -49,18 +57,23 @@ IoExpected<CameraDetails> DescribeCamera(VideoSystem* system, const std::string&
   const UniqueFd owner(system, fd);
   CameraDetails details;
   details.info.path = path;
-  if (const int error = Query(system, fd, &details.info); error != 0) {
+  bool captures = false;
+  if (const int error = Query(system, fd, &details.info, &captures); error != 0 || !captures) {
     return Fail({Errc::kInvalidArgument, path, "VIDIOC_QUERYCAP",
-                 std::string("is not a camera: ") + std::strerror(error),
+                 error != 0 ? std::string("is not a camera: ") + std::strerror(error)
+                            : "does not capture video by streaming",
                  "rsfm_tool camera list shows those there are"});
   }
-  for (const std::uint32_t fourcc : ListFormats(system, fd)) {
+  CallFailures* failures = &details.failures;
+  for (const std::uint32_t fourcc : ListFormats(system, fd, failures)) {
     CameraDetails::Format format{fourcc, {}};
-    for (const FrameSize& size : ListSizes(system, fd, fourcc))
-      format.sizes.push_back({size, MaxRate(system, fd, fourcc, size.width, size.height)});
+    for (const FrameSize& size : ListSizes(system, fd, fourcc, failures)) {
+      format.sizes.push_back(
+          {size, MaxRate(system, fd, fourcc, size.width, size.height, failures)});
+    }
     details.formats.push_back(std::move(format));
   }
-  details.controls = ListControls(system, fd);
+  details.controls = ListControls(system, fd, failures);
   return details;
 }
 

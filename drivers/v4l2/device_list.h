@@ -24,10 +24,12 @@ struct CameraDetails {
   CameraInfo info;
   std::vector<Format> formats;
   std::vector<ControlInfo> controls;
+  CallFailures failures;  // what could not be asked
 };
 
-// Every device that captures video by streaming. Those that cannot be opened are left out.
-std::vector<CameraInfo> ListCameras(VideoSystem* system);
+// Every device that captures video by streaming. `problems`: those that could not be asked whether
+// they do.
+std::vector<CameraInfo> ListCameras(VideoSystem* system, std::vector<Diagnostic>* problems);
 IoExpected<CameraDetails> DescribeCamera(VideoSystem* system, const std::string& path);
 
 }  // namespace rsfm

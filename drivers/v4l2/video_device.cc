@@ -32,7 +32,9 @@ VideoDevice::VideoDevice(VideoDevice&& other) noexcept
       format_(other.format_),
       buffers_(other.buffers_),
       is_streaming_(std::exchange(other.is_streaming_, false)),
-      has_exposure_(other.has_exposure_) {
+      has_exposure_(other.has_exposure_),
+      exposure_us_(other.exposure_us_),
+      failures_(other.failures_) {
   other.buffers_.clear();
 }
 
@@ -40,7 +42,10 @@ VideoDevice::~VideoDevice() { Stop(); }
 
 void VideoDevice::Stop() noexcept {
   int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  if (is_streaming_) system_->Ioctl(fd_.get(), VIDIOC_STREAMOFF, &type);
+  if (is_streaming_) {
+    const int error = system_->Ioctl(fd_.get(), VIDIOC_STREAMOFF, &type);
+    if (error != 0 && error != ENODEV) failures_.Add("VIDIOC_STREAMOFF", error);
+  }
   is_streaming_ = false;
   for (const Buffer& buffer : buffers_) system_->Unmap(buffer.data, buffer.bytes);
   buffers_.clear();
@@ -53,7 +58,7 @@ IoExpected<VideoDevice> VideoDevice::Open(VideoSystem* system, const CaptureOpti
     return Fail(FromErrno(error, options.device, "open the camera"));
   VideoDevice device(system, UniqueFd(system, fd), options.device);
   if (auto s = device.Check(); !s) return Fail(s.error());
-  auto format = ChooseFormat(system, fd, options, width, height, options.device);
+  auto format = ChooseFormat(system, fd, options, width, height, options.device, &device.failures_);
   if (!format) return Fail(format.error());
   device.format_ = *format;
   if (auto s = device.SetControls(options); !s) return Fail(s.error());
@@ -110,7 +115,10 @@ IoStatus VideoDevice::MapBuffers(int count) {
 IoStatus VideoDevice::Start() {
   v4l2_event_subscription subscription = {};
   subscription.type = V4L2_EVENT_SOURCE_CHANGE;
-  system_->Ioctl(fd_.get(), VIDIOC_SUBSCRIBE_EVENT, &subscription);  // most cameras have none
+  // Most cameras have no such event.
+  const int subscribed = system_->Ioctl(fd_.get(), VIDIOC_SUBSCRIBE_EVENT, &subscription);
+  if (subscribed != 0 && !IsAbsent(subscribed))
+    failures_.Add("VIDIOC_SUBSCRIBE_EVENT (source change)", subscribed);
   int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
   if (const int error = system_->Ioctl(fd_.get(), VIDIOC_STREAMON, &type); error != 0) {
     return Fail(FromErrno(error, path_,
@@ -149,7 +157,10 @@ bool VideoDevice::SourceHasChanged() noexcept {
   bool has_changed = false;
   for (int i = 0; i < kMaxBuffers; ++i) {
     v4l2_event event = {};
-    if (system_->Ioctl(fd_.get(), VIDIOC_DQEVENT, &event) != 0) break;
+    if (const int error = system_->Ioctl(fd_.get(), VIDIOC_DQEVENT, &event); error != 0) {
+      if (error != ENOENT && error != EAGAIN) failures_.Add("VIDIOC_DQEVENT", error);
+      break;
+    }
     has_changed |= event.type == V4L2_EVENT_SOURCE_CHANGE &&
                    (event.u.src_change.changes & V4L2_EVENT_SRC_CH_RESOLUTION) != 0;
   }

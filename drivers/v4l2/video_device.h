@@ -6,11 +6,13 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "rsfm/base/static_vector.h"
 #include "rsfm/io/diagnostic.h"
+#include "rsfm_drivers/v4l2/call_failures.h"
 #include "rsfm_drivers/v4l2/format_choice.h"
 #include "rsfm_drivers/v4l2/frame_clock.h"
 #include "rsfm_drivers/v4l2/video_system.h"
@@ -33,8 +35,9 @@ struct ControlInfo {
   bool is_writable = false;  // now: false while something automatic holds it, too
 };
 
-// All plain number controls of a device. Empty where it lists none.
-std::vector<ControlInfo> ListControls(VideoSystem* system, int fd);
+// All plain number controls of a device. Empty where it lists none; a list that breaks off and a
+// value that cannot be read add to `failures`.
+std::vector<ControlInfo> ListControls(VideoSystem* system, int fd, CallFailures* failures);
 
 class VideoDevice {
  public:
@@ -54,10 +57,16 @@ class VideoDevice {
   // Takes all events that wait; true when one says that the source's format has changed.
   bool SourceHasChanged() noexcept;
 
-  // Exposure, gain and the rest again, on a running stream.
+  // Exposure, gain and the rest again, on a running stream. What was asked for must be granted, or
+  // it is an error; an automatic that cannot be switched on is a failed call.
   IoStatus SetControls(const CaptureOptions& options);
-  // As the device has it now; 0 where it does not say.
+  // As the device has it now, or had it when it could last be read; 0 where it has no such control.
   double ExposureUs() noexcept;
+
+  // Ends the stream and gives the memory back: what the destructor does. No frame is left then.
+  void Stop() noexcept;
+  // Calls that failed and stopped nothing, since they were last taken from here.
+  CallFailures* failures() { return &failures_; }
 
   int fd() const { return fd_.get(); }
   const StreamFormat& format() const { return format_; }
@@ -67,13 +76,17 @@ class VideoDevice {
     void* data = nullptr;
     std::size_t bytes = 0;
   };
+  struct SwitchCalls;
 
   VideoDevice(VideoSystem* system, UniqueFd fd, std::string path)
       : system_(system), fd_(std::move(fd)), path_(std::move(path)) {}
   IoStatus Check();
   IoStatus MapBuffers(int count);
   IoStatus Start();
-  void Stop() noexcept;
+  // The call that failed, or nothing: it is switched, or there is no such control.
+  std::optional<CallFailure> Switch(const SwitchCalls& calls, std::int32_t value) noexcept;
+  IoStatus Report(const std::optional<CallFailure>& failure);
+  IoStatus MustSwitch(const SwitchCalls& calls, std::int32_t value, const char* field);
   IoStatus SetExposure(double exposure_us);
   IoStatus SetGain(double gain);
   IoStatus Set(std::uint32_t id, std::int64_t value, const std::string& field);
@@ -84,7 +97,9 @@ class VideoDevice {
   StreamFormat format_;
   StaticVector<Buffer, kMaxBuffers> buffers_;
   bool is_streaming_ = false;
-  bool has_exposure_ = true;  // until an ioctl says otherwise
+  bool has_exposure_ = true;  // until the device says otherwise
+  double exposure_us_ = 0.0;  // when it was last read or set
+  CallFailures failures_;
 };
 
 }  // namespace rsfm

@@ -10,6 +10,7 @@
 namespace rsfm {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using Result = Capture::Result;
 
@@ -112,6 +113,7 @@ TEST_F(CaptureTest, SingleIoErrorsAreSurvivedAndManyReopen) {
   ASSERT_EQ(NextFrame(&capture), Result::kFrame);
   EXPECT_EQ(video_.num_opens, 2);
   EXPECT_EQ(capture.counters().restarts, 1);
+  EXPECT_EQ(capture.counters().io_errors, 2 + Capture::kMaxIoErrors);
 }
 
 TEST_F(CaptureTest, AVanishedDeviceIsTriedAgainWithBackOff) {
@@ -270,6 +272,185 @@ TEST_F(CaptureTest, ControlsChangeWhileItStreams) {
   ASSERT_EQ(NextFrame(&capture), Result::kFrame);
   EXPECT_EQ(video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value, 20);
   EXPECT_EQ(frame_.mid_exposure_us, video_.now_us - 1000);
+}
+
+TEST_F(CaptureTest, ABadBufferIsCountedOnce) {
+  for (const bool have_numbers : {false, true}) {
+    FakeVideo& video = video_ = FakeVideo();
+    Capture capture = Make();
+    ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+    video.errors_take_a_number = have_numbers;
+    video.bad_frames_have_no_number = !have_numbers;
+    video.dequeue_errors = {EIO, EIO};
+    ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+    EXPECT_EQ(capture.counters().io_errors, 2);
+    EXPECT_EQ(capture.counters().missed, 0);
+    video.frame_flags = {V4L2_BUF_FLAG_ERROR};
+    ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+    EXPECT_EQ(capture.counters().damaged, 1);
+    EXPECT_EQ(capture.counters().missed, 0);
+    // What was lost besides still counts.
+    video.errors_take_a_number = true;
+    video.dequeue_errors = {EIO};
+    video.skip = 3;
+    ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+    EXPECT_EQ(capture.counters().io_errors, 3);
+    EXPECT_EQ(capture.counters().missed, 3);
+  }
+}
+
+TEST_F(CaptureTest, StreamingDoesNotAllocate) {
+  for (const std::uint32_t fourcc : {V4L2_PIX_FMT_GREY, V4L2_PIX_FMT_YUYV, V4L2_PIX_FMT_SRGGB8}) {
+    video_ = FakeVideo();
+    video_.formats = {{fourcc, 8, 6, fourcc == V4L2_PIX_FMT_YUYV ? 2 : 1, 60.0}};
+    video_.controls = {{V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 50}}};
+    Capture capture = Make();
+    ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+    EXPECT_FALSE(capture.TakeNews().empty());
+    // What may happen without the device being closed.
+    video_.frame_flags = {0, V4L2_BUF_FLAG_ERROR, 0, V4L2_BUF_FLAG_ERROR};
+    video_.dequeue_errors = {EIO, EIO, EAGAIN, EIO};
+    video_.skip = 2;
+    int num_frames = 0, num_told = 0;
+    MallocTrap trap;
+    for (int i = 0; i < 200; ++i) {
+      if (i == 50) video_.is_silent = true;  // poll waits in vain
+      if (i == 55) video_.is_silent = false;
+      if (i == 90) video_.stamp_delay_us = 250'000;      // late, twice
+      if (i == 120) video_.stamp_delay_us = 60'000'000;  // and no stamp
+      num_frames += capture.Next(100, grey_, &frame_) == Result::kFrame;
+      num_told += static_cast<int>(capture.TakeNews().size());
+    }
+    const std::size_t calls = trap.count();
+    EXPECT_EQ(calls, 0u);
+    EXPECT_EQ(num_told, 0);
+    EXPECT_GT(num_frames, 180);
+    EXPECT_EQ(capture.counters().io_errors, 3);
+    EXPECT_EQ(capture.counters().damaged, 2);
+    EXPECT_EQ(capture.counters().late, 2);
+    EXPECT_GT(capture.counters().bad_stamps, 70);
+    EXPECT_EQ(capture.counters().restarts, 0);
+  }
+}
+
+TEST_F(CaptureTest, ControlsChangedWhileItIsAwayAreTakenWhenItReturns) {
+  video_.controls = {{V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 50}}};
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  const auto vanish = [&] {
+    video_.is_present = false;
+    EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  };
+  CaptureOptions changed = options_;
+  vanish();
+  changed.exposure_us = 2000.0;
+  EXPECT_TRUE(capture.ChangeControls(changed));
+  video_.is_present = true;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value, 20);
+  EXPECT_FALSE(capture.control_problem());
+  // Those that the device refuses do not keep it closed, and are named.
+  vanish();
+  changed.exposure_us = 90'000.0;
+  EXPECT_TRUE(capture.ChangeControls(changed));
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  EXPECT_FALSE(capture.control_problem());  // it is away, that is all
+  video_.is_present = true;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value, 20);
+  ASSERT_TRUE(capture.control_problem());
+  EXPECT_THAT(ToString(*capture.control_problem()),
+              HasSubstr("900 is beyond what the device takes"));
+  EXPECT_FALSE(capture.last_problem());
+  // They are not tried again; the next change clears the complaint.
+  vanish();
+  video_.is_present = true;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_TRUE(capture.control_problem());
+  changed.exposure_us = 3000.0;
+  EXPECT_TRUE(capture.ChangeControls(changed));
+  EXPECT_FALSE(capture.control_problem());
+  EXPECT_EQ(video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value, 30);
+}
+
+TEST_F(CaptureTest, ControlsThatKeepItClosedCanBeMended) {
+  video_.controls = {{V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 50}}};
+  options_.exposure_us = 90'000.0;
+  Capture capture = Make();
+  EXPECT_EQ(NextFrame(&capture, 20), Result::kDown);
+  EXPECT_THAT(ToString(*capture.last_problem()), HasSubstr("900 is beyond"));
+  CaptureOptions changed = options_;
+  changed.exposure_us = 2000.0;
+  EXPECT_TRUE(capture.ChangeControls(changed));
+  ASSERT_EQ(NextFrame(&capture, 3), Result::kFrame);
+  EXPECT_EQ(video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value, 20);
+}
+
+TEST_F(CaptureTest, ControlsThatMeetAVanishingDeviceAreKept) {
+  video_.controls = {{V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 50}}};
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  video_.is_present = false;
+  CaptureOptions changed = options_;
+  changed.exposure_us = 2000.0;
+  const IoStatus status = capture.ChangeControls(changed);
+  ASSERT_FALSE(status);
+  EXPECT_THAT(ToString(status.error()), HasSubstr("those before could not be set again"));
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  video_.is_present = true;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_EQ(video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value, 20);
+}
+
+TEST_F(CaptureTest, ALogHearsOfEachThingOnce) {
+  options_.frame_rate_hz = 30.0;
+  video_.highest_rate_hz = 15.0;
+  video_.failing = {{VIDIOC_SUBSCRIBE_EVENT, EPERM}};
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  const std::string event = "/dev/video0: cannot do VIDIOC_SUBSCRIBE_EVENT (source change): ";
+  EXPECT_THAT(capture.TakeNews(), ElementsAre("/dev/video0: GREY 8 x 6, 15 images/s (30 asked for)",
+                                              event + std::strerror(EPERM)));
+  // The same again is no news.
+  video_.is_present = false;
+  EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kDown);
+  video_.is_present = true;
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  EXPECT_TRUE(capture.TakeNews().empty());
+  EXPECT_EQ(capture.failures()[0].count, 2);
+  video_.utc_minus_monotonic_us -= 2'500'000;
+  for (int i = 0; i < 30; ++i) ASSERT_EQ(capture.Next(100, grey_, &frame_), Result::kFrame);
+  EXPECT_THAT(capture.TakeNews(),
+              ElementsAre("the system's clock was set by -2.500 s: images follow it"));
+  EXPECT_TRUE(capture.TakeNews().empty());
+}
+
+// poll reports an event that cannot be taken again at once: that must not become a busy loop.
+TEST_F(CaptureTest, AnEventThatCannotBeTakenIsNamedAndTheLoopRests) {
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  video_.failing = {{VIDIOC_DQEVENT, EIO}};
+  video_.has_source_change = true;
+  video_.is_silent = true;
+  const std::int64_t start_us = video_.now_us;
+  for (int i = 0; i < 10; ++i) EXPECT_EQ(capture.Next(100, grey_, &frame_), Result::kNothing);
+  EXPECT_GE(video_.now_us - start_us, 10'000);
+  ASSERT_EQ(capture.failures().size(), 1u);
+  EXPECT_EQ(ToString(capture.failures()[0]),
+            std::string("cannot do VIDIOC_DQEVENT: ") + std::strerror(EIO));
+  EXPECT_EQ(capture.failures()[0].count, 10);
+}
+
+TEST_F(CaptureTest, AnExposureThatCannotBeReadOnceDoesNotMoveTheTime) {
+  video_.controls = {{V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 200}}};
+  Capture capture = Make();
+  ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+  video_.failing = {{VIDIOC_G_CTRL, EIO}};
+  for (int i = 0; i < 30; ++i) {
+    ASSERT_EQ(NextFrame(&capture), Result::kFrame);
+    EXPECT_EQ(frame_.mid_exposure_us, video_.now_us - 10'000);
+  }
+  EXPECT_GT(capture.failures()[0].count, 1);
 }
 
 TEST_F(CaptureTest, MjpegThatIsNoJpegIsDamaged) {

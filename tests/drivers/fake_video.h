@@ -26,10 +26,12 @@ class FakeVideo final : public VideoSystem {
     int bytes_per_pixel;  // 0: compressed
     double max_rate_hz;
     int padding = 0;  // of each row, bytes
+    v4l2_field field = V4L2_FIELD_NONE;
   };
   struct Control {
     std::string name;
     std::int32_t minimum, maximum, value;
+    std::uint32_t type = V4L2_CTRL_TYPE_INTEGER;
   };
 
   // The device.
@@ -39,6 +41,8 @@ class FakeVideo final : public VideoSystem {
   std::uint32_t stamp_flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | V4L2_BUF_FLAG_TSTAMP_SRC_EOF;
   std::int64_t stamp_delay_us = 0;  // from the stamp to the arrival
   double rate_hz = 10.0;
+  double highest_rate_hz = 1000.0;  // that is granted
+  bool can_set_rate = true;
   std::function<void(std::uint32_t sequence, std::uint8_t* data, std::size_t* bytes)> fill =
       [](std::uint32_t sequence, std::uint8_t* data, std::size_t* bytes) {
         std::memset(data, static_cast<int>(sequence & 0xff), *bytes);
@@ -47,10 +51,14 @@ class FakeVideo final : public VideoSystem {
   bool is_present = true;
   bool is_silent = false;                 // streams, but gives no frames
   std::map<unsigned long, int> failing;   // ioctl request to errno, until taken out
+  std::map<std::uint32_t, int> refusing;  // controls that cannot be set, to errno
   std::deque<int> dequeue_errors;         // errnos of the next dequeues
+  bool errors_take_a_number = false;      // of the sequence
+  bool bad_frames_have_no_number = false;
   std::uint32_t skip = 0;                 // sequence numbers left out before the next frame
   std::deque<std::uint32_t> frame_flags;  // of the next frames
   bool has_source_change = false;         // an event waits
+  bool has_events = true;
   std::int64_t utc_minus_monotonic_us = 1'700'000'000'000'000;
   // What happened.
   std::int64_t now_us = 1'000'000;
@@ -66,6 +74,7 @@ class FakeVideo final : public VideoSystem {
     ++num_open;
     is_streaming = false;
     queue_.clear();
+    queue_.reserve(64);
     *fd = 100 + num_opens;
     return 0;
   }
@@ -148,6 +157,8 @@ class FakeVideo final : public VideoSystem {
       case VIDIOC_STREAMOFF:
         is_streaming = false;
         return 0;
+      case VIDIOC_SUBSCRIBE_EVENT:
+        return has_events ? 0 : ENOTTY;
       case VIDIOC_DQEVENT:
         return TakeEvent(static_cast<v4l2_event*>(argument));
     }
@@ -206,6 +217,7 @@ class FakeVideo final : public VideoSystem {
     f->fmt.pix.sizeimage = chosen->bytes_per_pixel > 0
                                ? f->fmt.pix.bytesperline * f->fmt.pix.height
                                : 4096u + f->fmt.pix.width * f->fmt.pix.height;
+    f->fmt.pix.field = chosen->field;
     image_bytes_ = f->fmt.pix.sizeimage;
     return 0;
   }
@@ -213,8 +225,12 @@ class FakeVideo final : public VideoSystem {
     if (request == VIDIOC_S_PARM) {
       period = p->parm.capture.timeperframe;
       rate_hz = static_cast<double>(period.denominator) / period.numerator;
+      if (rate_hz > highest_rate_hz) {
+        rate_hz = highest_rate_hz;
+        period = {1000, static_cast<std::uint32_t>(1000.0 * rate_hz)};
+      }
     }
-    p->parm.capture.capability = V4L2_CAP_TIMEPERFRAME;
+    p->parm.capture.capability = can_set_rate ? V4L2_CAP_TIMEPERFRAME : 0u;
     p->parm.capture.timeperframe = period;
     return 0;
   }
@@ -225,7 +241,7 @@ class FakeVideo final : public VideoSystem {
     if (found == controls.end()) return EINVAL;
     *q = {};
     q->id = found->first;
-    q->type = V4L2_CTRL_TYPE_INTEGER;
+    q->type = found->second.type;
     q->minimum = found->second.minimum;
     q->maximum = found->second.maximum;
     std::strncpy(reinterpret_cast<char*>(q->name), found->second.name.c_str(), sizeof q->name - 1);
@@ -238,7 +254,11 @@ class FakeVideo final : public VideoSystem {
       c->value = found->second.value;
       return 0;
     }
-    if (c->value < found->second.minimum || c->value > found->second.maximum) return ERANGE;
+    if (const auto refused = refusing.find(c->id); refused != refusing.end())
+      return refused->second;
+    const bool is_mask = found->second.type == V4L2_CTRL_TYPE_BITMASK;
+    if (!is_mask && (c->value < found->second.minimum || c->value > found->second.maximum))
+      return ERANGE;
     found->second.value = c->value;
     return 0;
   }
@@ -251,12 +271,13 @@ class FakeVideo final : public VideoSystem {
     if (!dequeue_errors.empty()) {
       const int error = dequeue_errors.front();
       dequeue_errors.pop_front();
+      sequence_ += errors_take_a_number ? 1u : 0u;
       next_frame_us_ = now_us + PeriodUs();
       return error;
     }
     if (queue_.empty() || is_silent || now_us < next_frame_us_) return EAGAIN;
     b->index = queue_.front();
-    queue_.pop_front();
+    queue_.erase(queue_.begin());
     sequence_ += std::exchange(skip, 0u);
     b->sequence = sequence_++;
     std::size_t bytes = image_bytes_;
@@ -267,6 +288,7 @@ class FakeVideo final : public VideoSystem {
       b->flags |= frame_flags.front();
       frame_flags.pop_front();
     }
+    if (bad_frames_have_no_number && (b->flags & V4L2_BUF_FLAG_ERROR) != 0) b->sequence = 0;
     const std::int64_t stamp_us = now_us - stamp_delay_us;
     b->timestamp.tv_sec = stamp_us / 1'000'000;
     b->timestamp.tv_usec = stamp_us % 1'000'000;
@@ -282,7 +304,7 @@ class FakeVideo final : public VideoSystem {
   }
 
   std::map<std::int64_t, std::vector<std::uint8_t>> memory_;
-  std::deque<std::uint32_t> queue_;
+  std::vector<std::uint32_t> queue_;  // does not allocate while it streams
   std::size_t image_bytes_ = 0;
   std::uint32_t sequence_ = 0;
   std::int64_t next_frame_us_ = 0;

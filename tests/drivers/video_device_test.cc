@@ -11,6 +11,7 @@
 namespace rsfm {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 class VideoDeviceTest : public ::testing::Test {
@@ -144,6 +145,13 @@ TEST_F(VideoDeviceTest, TriggerAndOtherControlsGoByNameOrNumber) {
   ASSERT_TRUE(Open());
   EXPECT_EQ(video_.controls[0x009a0902].value, 2);
   EXPECT_EQ(video_.controls[0x009a0955].value, 4);
+  // All bits of a mask.
+  video_.controls = {{0x009a0902, {"Trigger Lines", 0, -1, 0, V4L2_CTRL_TYPE_BITMASK}}};
+  options_.controls = {{"trigger_lines", 0xc0000001}};
+  ASSERT_TRUE(Open());
+  EXPECT_EQ(static_cast<std::uint32_t>(video_.controls[0x009a0902].value), 0xc0000001u);
+  options_.controls = {{"trigger_lines", 0x1'0000'0000}};
+  EXPECT_THAT(Problem(), HasSubstr("give 0 to 4294967295"));
 }
 
 TEST_F(VideoDeviceTest, ClosingGivesEverythingBack) {
@@ -161,8 +169,11 @@ TEST_F(VideoDeviceTest, ClosingGivesEverythingBack) {
 
 TEST_F(VideoDeviceTest, ListAndInfo) {
   video_.controls = {{V4L2_CID_GAIN, {"Gain", 0, 64, 3}}};
-  const auto cameras = ListCameras(&video_);
-  ASSERT_EQ(cameras.size(), 1u);  // /dev/video7 cannot be opened
+  std::vector<Diagnostic> problems;
+  const auto cameras = ListCameras(&video_, &problems);
+  ASSERT_EQ(cameras.size(), 1u);
+  ASSERT_EQ(problems.size(), 1u);
+  EXPECT_THAT(ToString(problems[0]), HasSubstr("/dev/video7: cannot open the camera"));
   EXPECT_EQ(cameras[0].card, "Fake camera");
   const auto details = DescribeCamera(&video_, "/dev/video0");
   ASSERT_TRUE(details);
@@ -173,8 +184,138 @@ TEST_F(VideoDeviceTest, ListAndInfo) {
   ASSERT_EQ(details->controls.size(), 1u);
   EXPECT_EQ(details->controls[0].name, "gain");
   EXPECT_EQ(details->controls[0].value, 3);
+  EXPECT_EQ(details->failures.size(), 0u);
   EXPECT_FALSE(DescribeCamera(&video_, "/dev/video7"));
   EXPECT_EQ(video_.num_open, 0);
+  // What could not be asked is said.
+  for (const auto& [request, name] :
+       {std::pair<unsigned long, const char*>{VIDIOC_ENUM_FMT, "VIDIOC_ENUM_FMT"},
+        {VIDIOC_ENUM_FRAMESIZES, "VIDIOC_ENUM_FRAMESIZES"},
+        {VIDIOC_ENUM_FRAMEINTERVALS, "VIDIOC_ENUM_FRAMEINTERVALS"},
+        {VIDIOC_QUERYCTRL, "VIDIOC_QUERYCTRL"},
+        {VIDIOC_G_CTRL, "VIDIOC_G_CTRL"}}) {
+    video_.failing = {{request, EIO}};
+    const auto some = DescribeCamera(&video_, "/dev/video0");
+    ASSERT_TRUE(some);
+    ASSERT_EQ(some->failures.size(), 1u) << name;
+    EXPECT_EQ(ToString(some->failures[0]),
+              std::string("cannot do ") + name + ": " + std::strerror(EIO));
+  }
+  video_.failing = {{VIDIOC_QUERYCAP, EIO}};
+  EXPECT_TRUE(ListCameras(&video_, &problems).empty());
+  EXPECT_THAT(ToString(problems[1]), HasSubstr("VIDIOC_QUERYCAP"));
+}
+
+TEST_F(VideoDeviceTest, ARateThatIsNotGrantedIsSaid) {
+  options_.frame_rate_hz = 30.0;
+  video_.highest_rate_hz = 15.0;
+  auto slow = Open();
+  ASSERT_TRUE(slow);
+  EXPECT_EQ(ToString(slow->format()), "GREY 8 x 6, 15 images/s (30 asked for)");
+  EXPECT_TRUE(slow->format().IsOtherRate());
+  video_.highest_rate_hz = 29.97;
+  EXPECT_EQ(ToString(Open()->format()), "GREY 8 x 6, 29.97 images/s");
+  video_.can_set_rate = false;
+  video_.period = {1, 20};
+  EXPECT_EQ(ToString(Open()->format()), "GREY 8 x 6, 20 images/s (30 asked for)");
+  options_.frame_rate_hz = 0.0;
+  EXPECT_EQ(ToString(Open()->format()), "GREY 8 x 6, 20 images/s");
+}
+
+TEST_F(VideoDeviceTest, InterlacedImagesAreRefused) {
+  for (const v4l2_field field : {V4L2_FIELD_INTERLACED, V4L2_FIELD_ALTERNATE, V4L2_FIELD_SEQ_TB,
+                                 V4L2_FIELD_TOP, V4L2_FIELD_INTERLACED_BT}) {
+    video_.formats = {{V4L2_PIX_FMT_YUYV, 8, 6, 2, 60.0, 0, field}};
+    EXPECT_THAT(Problem(), HasSubstr("interlaced images of 8 x 6 px only (V4L2 field " +
+                                     std::to_string(field) + ")"));
+  }
+  // Another format of the same camera may be whole.
+  video_.formats.push_back({V4L2_PIX_FMT_SRGGB8, 8, 6, 1, 60.0});
+  EXPECT_EQ(Open()->format().fourcc, V4L2_PIX_FMT_SRGGB8);
+  video_.formats = {{V4L2_PIX_FMT_YUYV, 8, 6, 2, 60.0, 0, V4L2_FIELD_ANY}};
+  EXPECT_TRUE(Open());
+}
+
+TEST_F(VideoDeviceTest, WhatIsOptionalAndFailsIsNamedWithItsErrno) {
+  video_.controls = {{V4L2_CID_EXPOSURE_AUTO, {"Exposure, Auto", 0, 3, 0}},
+                     {V4L2_CID_AUTOGAIN, {"Gain, Automatic", 0, 1, 0}},
+                     {V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 7}}};
+  const auto failures = [this] {
+    auto device = Open();
+    EXPECT_TRUE(device) << ToString(device.error());
+    std::vector<std::string> texts;
+    for (std::size_t i = 0; device && i < device->failures()->size(); ++i)
+      texts.push_back(ToString((*device->failures())[i]));
+    return texts;
+  };
+  const auto text = [](const char* call, int error) {
+    return std::string("cannot do ") + call + ": " + std::strerror(error);
+  };
+  EXPECT_TRUE(failures().empty());
+  video_.controls[V4L2_CID_EXPOSURE_AUTO].value = 1;  // else it is as it was asked for
+  video_.controls[V4L2_CID_AUTOGAIN].value = 0;
+  video_.refusing = {{V4L2_CID_EXPOSURE_AUTO, EBUSY}, {V4L2_CID_AUTOGAIN, EACCES}};
+  EXPECT_THAT(failures(), ElementsAre(text("VIDIOC_S_CTRL (exposure_auto)", EBUSY),
+                                      text("VIDIOC_S_CTRL (autogain)", EACCES)));
+  video_.refusing.clear();
+  video_.failing = {{VIDIOC_QUERYCTRL, EIO}};
+  EXPECT_THAT(failures(), ElementsAre(text("VIDIOC_QUERYCTRL (exposure_auto)", EIO),
+                                      text("VIDIOC_QUERYCTRL (autogain)", EIO)));
+  video_.failing = {{VIDIOC_SUBSCRIBE_EVENT, EPERM}, {VIDIOC_G_PARM, EIO}};
+  EXPECT_THAT(failures(), ElementsAre(text("VIDIOC_G_PARM (frame rate)", EIO),
+                                      text("VIDIOC_SUBSCRIBE_EVENT (source change)", EPERM)));
+  // What a device need not have is no failure, unless it was asked for.
+  video_.failing = {{VIDIOC_G_PARM, ENOTTY}};
+  video_.has_events = false;
+  video_.controls.clear();
+  EXPECT_TRUE(failures().empty());
+  options_.frame_rate_hz = 20.0;
+  EXPECT_THAT(failures(), ElementsAre(text("VIDIOC_G_PARM (frame rate)", ENOTTY)));
+}
+
+TEST_F(VideoDeviceTest, WhatWasAskedForAndFailsIsAnError) {
+  video_.controls = {{V4L2_CID_EXPOSURE_AUTO, {"Exposure, Auto", 0, 3, 3}},
+                     {V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 7}},
+                     {V4L2_CID_GAIN, {"Gain", 0, 64, 3}},
+                     {V4L2_CID_AUTOGAIN, {"Gain, Automatic", 0, 1, 1}}};
+  video_.refusing = {{V4L2_CID_EXPOSURE_AUTO, EBUSY}};
+  options_.exposure_us = 4000.0;
+  EXPECT_THAT(Problem(),
+              HasSubstr("capture.exposure_us: cannot do VIDIOC_S_CTRL (exposure_auto): " +
+                        std::string(std::strerror(EBUSY))));
+  options_.exposure_us = 0.0;
+  options_.gain = 4.0;
+  video_.refusing = {{V4L2_CID_AUTOGAIN, EIO}};
+  EXPECT_THAT(Problem(), HasSubstr("capture.gain: cannot do VIDIOC_S_CTRL (autogain): " +
+                                   std::string(std::strerror(EIO))));
+  // One that is always manual need not let itself be set.
+  video_.controls[V4L2_CID_AUTOGAIN].value = 0;
+  ASSERT_TRUE(Open());
+  EXPECT_EQ(video_.controls[V4L2_CID_GAIN].value, 4);
+  video_.refusing.clear();
+  video_.failing = {{VIDIOC_QUERYCTRL, EIO}};
+  EXPECT_THAT(Problem(),
+              HasSubstr("VIDIOC_QUERYCTRL (autogain): " + std::string(std::strerror(EIO))));
+}
+
+TEST_F(VideoDeviceTest, AnExposureThatCannotBeReadOnceIsTheOneBefore) {
+  video_.controls = {{V4L2_CID_EXPOSURE_ABSOLUTE, {"Exposure", 1, 500, 50}}};
+  auto device = Open();
+  ASSERT_TRUE(device);
+  EXPECT_EQ(device->ExposureUs(), 5000.0);
+  for (const int error : {EIO, EBUSY, ETIMEDOUT}) {
+    video_.failing = {{VIDIOC_G_CTRL, error}};
+    EXPECT_EQ(device->ExposureUs(), 5000.0);
+  }
+  EXPECT_EQ(device->failures()->size(), 3u);
+  video_.failing.clear();
+  video_.controls[V4L2_CID_EXPOSURE_ABSOLUTE].value = 60;
+  EXPECT_EQ(device->ExposureUs(), 6000.0);
+  // A device without it is not asked again and again.
+  video_.failing = {{VIDIOC_G_CTRL, EINVAL}};
+  EXPECT_EQ(device->ExposureUs(), 0.0);
+  video_.failing.clear();
+  EXPECT_EQ(device->ExposureUs(), 0.0);
 }
 
 }  // namespace

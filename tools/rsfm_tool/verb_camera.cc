@@ -18,18 +18,28 @@ namespace {
 constexpr int kPatienceMs = 5000;
 
 int List() {
-  const auto cameras = ListCameras(&KernelVideoSystem());
+  std::vector<Diagnostic> problems;
+  const auto cameras = ListCameras(&KernelVideoSystem(), &problems);
   for (const CameraInfo& camera : cameras) {
     std::printf("%s  %s  (%s, %s)\n", camera.path.c_str(), camera.card.c_str(),
                 camera.driver.c_str(), camera.bus.c_str());
   }
+  for (const Diagnostic& problem : problems)
+    std::fprintf(stderr, "warning: %s\n", ToString(problem).c_str());
   if (cameras.empty()) std::printf("no camera: no /dev/video* captures, or none may be opened\n");
   return FinishStdout();
 }
 
-int Info(const std::string& device) {
+void PrintFailures(const CallFailures& failures) {
+  for (std::size_t i = 0; i < failures.size(); ++i) {
+    std::printf("warning: %s (%lld times)\n", ToString(failures[i]).c_str(),
+                static_cast<long long>(failures[i].count));
+  }
+}
+
+IoStatus Describe(const std::string& device) {
   const auto details = DescribeCamera(&KernelVideoSystem(), device);
-  if (!details) return Report(details.error());
+  if (!details) return Fail(details.error());
   std::printf("%s: %s (%s, %s)\nformats:\n", device.c_str(), details->info.card.c_str(),
               details->info.driver.c_str(), details->info.bus.c_str());
   for (const auto& format : details->formats) {
@@ -52,7 +62,8 @@ int Info(const std::string& device) {
                 static_cast<long long>(control.maximum),
                 control.is_writable ? "" : ", not to be set now");
   }
-  return FinishStdout();
+  PrintFailures(details->failures);
+  return {};
 }
 
 struct GrabRequest {
@@ -89,6 +100,23 @@ IoExpected<GrabRequest> MakeRequest(const CameraOptions& options) {
   return request;
 }
 
+// What there is; and where a size is known, what the camera makes of the request.
+int Info(const CameraOptions& options) {
+  const bool has_request = !options.rig.empty() || !options.size.empty();
+  IoExpected<GrabRequest> request = GrabRequest();
+  if (has_request) request = MakeRequest(options);
+  if (!request) return Report(request.error());
+  const CaptureOptions& capture = request->capture;
+  const std::string device = options.device.empty() ? capture.device : options.device;
+  if (auto s = Describe(device); !s) return Report(s.error());
+  if (!has_request) return FinishStdout();
+  auto opened = VideoDevice::Open(&KernelVideoSystem(), capture, request->width, request->height);
+  if (!opened) return Report(opened.error());
+  std::printf("as it is asked for: %s\n", ToString(opened->format()).c_str());
+  PrintFailures(*opened->failures());
+  return FinishStdout();
+}
+
 IoStatus WritePgm(const std::filesystem::path& path, const std::vector<std::uint8_t>& grey,
                   int width, int height) {
   std::string bytes = "P5\n" + std::to_string(width) + " " + std::to_string(height) + "\n255\n";
@@ -108,6 +136,7 @@ int Grab(const CameraOptions& options) {
                                  static_cast<std::size_t>(request->height));
   std::vector<ImageTime> images;
   for (int idle_ms = 0; static_cast<int>(images.size()) < options.count && !IsInterrupted();) {
+    for (const std::string& news : capture.TakeNews()) std::fprintf(stderr, "%s\n", news.c_str());
     CapturedFrame frame;
     constexpr int kStepMs = 200;
     if (capture.Next(kStepMs, grey.data(), &frame) != Capture::Result::kFrame) {
@@ -136,6 +165,16 @@ int Grab(const CameraOptions& options) {
               FourccName(capture.format().fourcc).c_str(), options.out.c_str(),
               seconds > 0.0 ? static_cast<double>(images.size() - 1) / seconds : 0.0,
               static_cast<long long>(counters.missed), static_cast<long long>(counters.damaged));
+  if (counters.late + counters.io_errors + counters.bad_stamps + counters.clock_steps +
+          counters.restarts >
+      0) {
+    std::printf(
+        "%lld late, %lld I/O errors, %lld impossible time stamps, %lld clock steps, %lld "
+        "restarts\n",
+        static_cast<long long>(counters.late), static_cast<long long>(counters.io_errors),
+        static_cast<long long>(counters.bad_stamps), static_cast<long long>(counters.clock_steps),
+        static_cast<long long>(counters.restarts));
+  }
   return FinishStdout();
 }
 
@@ -163,12 +202,7 @@ CLI::App* DeclareCamera(CLI::App& app, CameraOptions* options) {
 
 int RunCamera(const CameraOptions& options) {
   if (options.action == "list") return List();
-  if (options.action == "info") {
-    if (!options.device.empty() || options.rig.empty())
-      return Info(options.device.empty() ? "/dev/video0" : options.device);
-    const auto rig = ReadRig(options.rig);
-    return rig ? Info(rig->capture.device) : Report(rig.error());
-  }
+  if (options.action == "info") return Info(options);
   if (options.out.empty()) {
     return Report(
         {Errc::kInvalidArgument, "", "--out", "is missing", "give a folder for the images"});
