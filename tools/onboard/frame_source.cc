@@ -48,6 +48,13 @@ FrameSource::Result CameraSource::Next(Frame* frame) {
   return Result::kFrame;
 }
 
+std::string CameraSource::problem() const {
+  std::string text;
+  for (const auto& problem : {&capture_.last_problem(), &capture_.control_problem()})
+    if (*problem) text += (text.empty() ? "" : "; ") + ToString(**problem);
+  return text;
+}
+
 ReplaySource::ReplaySource(ImageList list, std::vector<NavSample> nav, int width, int height,
                            const ReplayOptions& options)
     : list_(std::move(list)),

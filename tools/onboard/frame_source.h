@@ -21,8 +21,10 @@ class FrameSource {
   // Exposure, gain and other controls, while it runs.
   virtual IoStatus ChangeControls(const CaptureOptions& options) = 0;
   virtual CaptureCounters counters() const = 0;
-  // What keeps images from coming; empty: nothing does.
+  // What keeps images from coming, or controls from being taken; empty: nothing does.
   virtual std::string problem() const = 0;
+  // What the daemon's log should have since the last call.
+  virtual std::vector<std::string> TakeNews() { return {}; }
 };
 
 class CameraSource final : public FrameSource {
@@ -34,9 +36,8 @@ class CameraSource final : public FrameSource {
     return capture_.ChangeControls(options);
   }
   CaptureCounters counters() const override { return capture_.counters(); }
-  std::string problem() const override {
-    return capture_.last_problem() ? ToString(*capture_.last_problem()) : std::string();
-  }
+  std::string problem() const override;
+  std::vector<std::string> TakeNews() override { return capture_.TakeNews(); }
 
  private:
   Capture capture_;

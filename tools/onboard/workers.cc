@@ -1,6 +1,7 @@
 #include "tools/onboard/workers.h"
 
 #include <algorithm>
+#include <cstdio>
 
 namespace rsfm {
 namespace {
@@ -195,6 +196,8 @@ void RunCapture(const WorkerOptions& options, FrameSource* source, Shared* share
       continue;
     }
     const FrameSource::Result result = source->Next(frame);
+    for (const std::string& news : source->TakeNews())
+      std::fprintf(stderr, "camera: %s\n", news.c_str());
     const std::int64_t now_us = MonotonicUs();
     if (result != FrameSource::Result::kNothing || now_us - last_report_us > 200'000) {
       last_report_us = now_us;
