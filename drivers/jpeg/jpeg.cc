@@ -59,21 +59,16 @@ Expected<JpegDecoder> JpegDecoder::Create() {
   return JpegDecoder(handle);
 }
 
-// A warning stays in libjpeg-turbo's handle and fails the next header too: after a failure it is a
-// new one.
-Status JpegDecoder::Corrupt(const char* where) {
-  handle_.reset(tjInitDecompress());
-  return Fail(Errc::kCorrupt, where);
-}
-
 Expected<JpegDecoder::Size> JpegDecoder::ReadSize(std::span<const std::uint8_t> data) {
-  if (handle_ == nullptr) handle_.reset(tjInitDecompress());
+  // A handle keeps the tables of the image before, and its warnings: what an image lacks would come
+  // from another. A new one takes less than a microsecond.
+  handle_.reset(tjInitDecompress());
   if (handle_ == nullptr) return Fail(Errc::kIo, "tjInitDecompress");
   Size size;
   int subsampling = 0, colorspace = 0;
   if (tjDecompressHeader3(handle_.get(), data.data(), static_cast<unsigned long>(data.size()),
                           &size.width, &size.height, &subsampling, &colorspace) != 0) {
-    return tl::unexpected(Corrupt("header").error());
+    return Fail(Errc::kCorrupt, "header");
   }
   return size;
 }
@@ -96,8 +91,7 @@ Status JpegDecoder::Decode(std::span<const std::uint8_t> data, int width, int he
                                      "Corrupt JPEG data: %zu extraneous bytes before marker 0x%x",
                                      &num_left_over, &marker) == 2 &&
                          marker == kEndOfImage && IsPadding(data, num_left_over);
-  const Status corrupt = Corrupt("data");
-  return is_padded ? Status() : corrupt;
+  return is_padded ? Status() : Fail(Errc::kCorrupt, "data");
 }
 
 Expected<JpegEncoder> JpegEncoder::Create(int width, int height) {

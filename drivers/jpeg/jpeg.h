@@ -30,7 +30,6 @@ class JpegDecoder {
     void operator()(void* handle) const;
   };
   explicit JpegDecoder(void* handle) : handle_(handle) {}
-  Status Corrupt(const char* where);
 
   std::unique_ptr<void, Close> handle_;
 };

@@ -79,9 +79,9 @@ std::vector<std::uint8_t> Pad(std::vector<std::uint8_t> image, std::size_t count
 
 constexpr int kHeaderBytes = 400;  // and a bit: before the rows
 
-class JpegPaddingTest : public ::testing::Test {
+class JpegDataTest : public ::testing::Test {
  protected:
-  JpegPaddingTest() {
+  JpegDataTest() {
     auto encoder = JpegEncoder::Create(kWidth, kHeight);
     const auto encoded = encoder->Encode(Noisy().data(), kWidth, 80);
     data_.assign(encoded->begin(), encoded->end());
@@ -97,7 +97,7 @@ class JpegPaddingTest : public ::testing::Test {
   std::vector<std::uint8_t> data_, grey_, whole_;
 };
 
-TEST_F(JpegPaddingTest, PaddingBeforeTheEndIsNoDamage) {
+TEST_F(JpegDataTest, PaddingBeforeTheEndIsNoDamage) {
   for (const std::size_t count : {1u, 2u, 5u, 8u, 20u, 64u, 511u, 4096u}) {
     for (const int value : {0x00, 0xff, 0x55}) {
       EXPECT_TRUE(Decode(Pad(data_, count, value))) << count << " of " << value;
@@ -111,7 +111,7 @@ TEST_F(JpegPaddingTest, PaddingBeforeTheEndIsNoDamage) {
   EXPECT_TRUE(Decode(data_));
 }
 
-TEST_F(JpegPaddingTest, ACutOffImageIsRefusedWhateverItIsPaddedWith) {
+TEST_F(JpegDataTest, ACutOffImageIsRefusedWhateverItIsPaddedWith) {
   for (const std::size_t lost : {100u, 300u, 600u}) {
     ASSERT_LT(lost + kHeaderBytes, data_.size());
     std::vector<std::uint8_t> cut = data_;
@@ -125,7 +125,7 @@ TEST_F(JpegPaddingTest, ACutOffImageIsRefusedWhateverItIsPaddedWith) {
 
 // Rows that lost their place leave codes over before the end, or run out of them. (Many flipped
 // bits cannot be told from another picture: JPEG has no check sum.)
-TEST_F(JpegPaddingTest, DamagedRowsThatShowAreRefusedPaddedOrNot) {
+TEST_F(JpegDataTest, DamagedRowsThatShowAreRefusedPaddedOrNot) {
   std::vector<std::uint8_t> more = data_;
   more.insert(more.end() - 2, data_.end() - 60, data_.end() - 2);
   EXPECT_FALSE(Decode(more));
@@ -143,6 +143,33 @@ TEST_F(JpegPaddingTest, DamagedRowsThatShowAreRefusedPaddedOrNot) {
   }
   EXPECT_GT(num_refused, 100);
   EXPECT_EQ(num_refused_padded, num_refused);
+}
+
+// Without the segments of that marker before the rows.
+std::vector<std::uint8_t> Without(std::uint8_t marker, const std::vector<std::uint8_t>& data) {
+  std::vector<std::uint8_t> result(data.begin(), data.begin() + 2);
+  std::size_t at = 2;
+  while (data[at + 1] != 0xda) {
+    const std::size_t next = at + 2 + 256u * data[at + 2] + data[at + 3];
+    if (data[at + 1] != marker)
+      result.insert(result.end(), data.begin() + static_cast<std::ptrdiff_t>(at),
+                    data.begin() + static_cast<std::ptrdiff_t>(next));
+    at = next;
+  }
+  result.insert(result.end(), data.begin() + static_cast<std::ptrdiff_t>(at), data.end());
+  return result;
+}
+
+TEST_F(JpegDataTest, NoImageLivesOnTheTablesOfAnother) {
+  ASSERT_TRUE(Decode(data_));
+  const auto without_scales = Without(0xdb, data_);
+  ASSERT_LT(without_scales.size(), data_.size());
+  EXPECT_FALSE(Decode(without_scales));
+  // Many cameras leave out the codes, and mean those of the standard [ITU-T T.81, K.3].
+  const auto without_codes = Without(0xc4, data_);
+  ASSERT_LT(without_codes.size(), data_.size());
+  EXPECT_TRUE(Decode(without_codes));
+  EXPECT_EQ(grey_, whole_);
 }
 
 TEST(JpegTest, ImpossibleRequestsAreRefused) {
