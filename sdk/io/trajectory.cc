@@ -109,8 +109,9 @@ std::string FormatTum(const std::vector<TrajectoryPose>& poses) {
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const Utime utime = poses[i].utime;
     char stamp[40];
-    std::snprintf(stamp, sizeof stamp, "%lld.%06lld", static_cast<long long>(utime / 1000000),
-                  static_cast<long long>(utime % 1000000));
+    std::snprintf(stamp, sizeof stamp, "%s%lld.%06lld", utime < 0 ? "-" : "",
+                  std::abs(static_cast<long long>(utime / 1000000)),
+                  std::abs(static_cast<long long>(utime % 1000000)));
     text += has_times ? std::string(stamp) : std::to_string(i);
     const Vec3& t = poses[i].world_from_camera.translation;
     const Quat& q = poses[i].world_from_camera.rotation;

@@ -197,6 +197,13 @@ TEST_F(ModelTest, TumReadsBack) {
     EXPECT_EQ((*back)[i].utime, poses[i].utime);
     EXPECT_EQ((*back)[i].world_from_camera.translation, poses[i].world_from_camera.translation);
   }
+  // Before 1970, as a log that begins at 0 has it.
+  const std::vector<TrajectoryPose> early = {{-500'000, "", Rigid3()}, {-2'000'001, "", Rigid3()}};
+  ASSERT_TRUE(WriteFileAtomically(folder_.path() / "t.tum", FormatTum(early)));
+  const auto before = ReadTum(folder_.path() / "t.tum");
+  ASSERT_TRUE(before) << ToString(before.error());
+  EXPECT_EQ((*before)[0].utime, -500'000);
+  EXPECT_EQ((*before)[1].utime, -2'000'001);
   ASSERT_TRUE(WriteFileAtomically(folder_.path() / "t.tum", "1 2 3 4 0 0 0 nan\n"));
   const auto bad = ReadTum(folder_.path() / "t.tum");
   ASSERT_FALSE(bad);

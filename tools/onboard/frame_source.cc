@@ -1,40 +1,16 @@
 #include "tools/onboard/frame_source.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cstdlib>
 #include <cstring>
 
 #include "rsfm/io/atomic_output.h"
+#include "rsfm/io/pgm.h"
 
 namespace rsfm {
 namespace {
 
 constexpr int kWaitMs = 100;
-
-// The pixels of a binary PGM of that size with 8 bits; empty: it is none.   [netpbm, pgm(5)]
-std::string_view PgmPixels(std::string_view bytes, int width, int height) {
-  if (!bytes.starts_with("P5")) return {};
-  std::size_t at = 2;
-  long numbers[3] = {};
-  for (long& number : numbers) {
-    while (at < bytes.size() &&
-           (std::isspace(static_cast<unsigned char>(bytes[at])) != 0 || bytes[at] == '#')) {
-      if (bytes[at] == '#') at = std::min(bytes.find('\n', at), bytes.size() - 1);
-      ++at;
-    }
-    for (int digits = 0; at < bytes.size() && digits < 6; ++digits, ++at) {
-      if (std::isdigit(static_cast<unsigned char>(bytes[at])) == 0) break;
-      number = 10 * number + (bytes[at] - '0');
-    }
-  }
-  const auto size = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
-  if (numbers[0] != width || numbers[1] != height || numbers[2] != 255 ||
-      bytes.size() < at + 1 + size) {
-    return {};
-  }
-  return bytes.substr(at + 1, size);
-}
 
 }  // namespace
 
