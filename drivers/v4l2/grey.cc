@@ -1,6 +1,7 @@
 #include "rsfm_drivers/v4l2/grey.h"
 
 #include <cstring>
+#include <limits>
 
 #include "rsfm/base/vector_clones.h"
 
@@ -68,7 +69,12 @@ Expected<GreyConverter> GreyConverter::Create(const RawFormat& format) {
     converter.jpeg_ = std::move(*jpeg);
     return converter;
   }
-  if (format.stride_bytes < RowBytes(format)) return Fail(Errc::kInvalidArgument, "stride_bytes");
+  // Of any format a row and a half of the stride for each row: that much must have a size.
+  const std::uint64_t at_most = 3 * (static_cast<std::uint64_t>(format.stride_bytes) / 2 + 1) *
+                                static_cast<std::uint64_t>(format.height);
+  if (format.stride_bytes < RowBytes(format) ||
+      at_most > std::numeric_limits<std::ptrdiff_t>::max())
+    return Fail(Errc::kInvalidArgument, "stride_bytes");
   if (format.format == PixelFormat::kBayer8)
     converter.sums_ = std::make_unique<std::uint16_t[]>(static_cast<std::size_t>(format.width));
   return converter;

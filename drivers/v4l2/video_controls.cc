@@ -181,9 +181,10 @@ IoStatus VideoDevice::SetControls(const CaptureOptions& options) {
   for (const auto& [name, value] : options.controls) {
     const std::string field = "capture.controls." + name;
     const auto number = name.starts_with("0x") ? std::strtoul(name.c_str() + 2, nullptr, 16) : 0;
-    const auto found = std::find_if(known.begin(), known.end(), [&](const ControlInfo& info) {
-      return info.name == name || (number != 0 && info.id == number);
-    });
+    const auto found =
+        std::find_if(known.begin(), known.end(), [&, &wanted = name](const auto& info) {
+          return info.name == wanted || (number != 0 && info.id == number);
+        });
     if (found == known.end()) {
       return Fail({Errc::kUnsupported, path_, field, "is no control of this device",
                    "take it out of rig.yaml; rsfm_tool camera info lists what there is"});

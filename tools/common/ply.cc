@@ -215,6 +215,9 @@ IoExpected<PlyMesh> ReadPlyMesh(const std::filesystem::path& path) {
   Body body(std::string_view(*bytes).substr(header.end), header.is_ascii);
   Builder builder;
   for (const Element& element : header.elements) {
+    // A row of nothing would be read for ever.
+    if (element.properties.empty() && element.count > 0)
+      return corrupt("has no properties of its element " + element.name);
     for (std::uint64_t i = 0; i < element.count; ++i) {
       Row row;
       if (!ReadRow(element, &body, &row)) {
