@@ -57,7 +57,15 @@ struct LcmBus::Impl {
                                     static_cast<std::size_t>(buffer->data_size)));
   }
 
+  // An instance of LCM that has once failed to listen waits for ever in the next attempt (1.3.1):
+  // another one takes its place. Of memq and file the one that publishes is the one that hears.
+  void RenewReceiver() {
+    if (receiver != lcm) lcm_destroy(receiver);
+    receiver = url.starts_with("udpm:") ? nullptr : lcm;
+  }
+
   lcm_t* lcm = nullptr;
+  lcm_t* receiver = nullptr;  // the same, or the one that took its place; null: to be made
   std::string url;
   int queue_capacity = 0;
   std::vector<std::unique_ptr<Subscription>> subscriptions;
@@ -69,8 +77,9 @@ LcmBus::LcmBus(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 
 LcmBus::~LcmBus() {
   for (const auto& subscription : impl_->subscriptions) {
-    lcm_unsubscribe(impl_->lcm, subscription->handle);
+    lcm_unsubscribe(impl_->receiver, subscription->handle);
   }
+  if (impl_->receiver != impl_->lcm && impl_->receiver != nullptr) lcm_destroy(impl_->receiver);
   lcm_destroy(impl_->lcm);
 }
 
@@ -83,6 +92,7 @@ IoExpected<std::unique_ptr<LcmBus>> LcmBus::Create(const LcmBusOptions& options)
     return Fail({Errc::kInvalidArgument, "", "LCM URL " + impl->url, "cannot be opened",
                  "give memq://, udpm://GROUP:PORT?ttl=0 with multicast allowed, or file://PATH"});
   }
+  impl->receiver = impl->lcm;
   return std::unique_ptr<LcmBus>(new LcmBus(std::move(impl)));
 }
 
@@ -93,21 +103,33 @@ bool LcmBus::PublishRaw(const std::string& channel, std::span<const std::uint8_t
   return is_good;
 }
 
-void LcmBus::SubscribeRaw(const std::string& channel, RawHandler handler) {
+IoStatus LcmBus::SubscribeRaw(const std::string& channel, RawHandler handler) {
   auto subscription = std::make_unique<Impl::Subscription>();
   subscription->impl = impl_.get();
   subscription->handler = std::move(handler);
-  subscription->handle =
-      lcm_subscribe(impl_->lcm, Literal(channel).c_str(), Impl::OnMessage, subscription.get());
+  if (impl_->receiver == nullptr) impl_->receiver = lcm_create(impl_->url.c_str());
+  if (impl_->receiver != nullptr) {
+    subscription->handle = lcm_subscribe(impl_->receiver, Literal(channel).c_str(), Impl::OnMessage,
+                                         subscription.get());
+  }
+  if (subscription->handle == nullptr) {
+    if (impl_->receiver != nullptr && impl_->subscriptions.empty()) impl_->RenewReceiver();
+    return Fail({Errc::kIo, "", "LCM URL " + impl_->url, "does not let us listen on " + channel,
+                 "let multicast to its group and port come in (a firewall may drop it), or see "
+                 "whether its file is still there"});
+  }
   lcm_subscription_set_queue_capacity(subscription->handle, impl_->queue_capacity);
   impl_->subscriptions.push_back(std::move(subscription));
+  return {};
 }
 
 IoExpected<int> LcmBus::Handle(int timeout_ms) {
   int count = 0;
   for (; count < kMaxPerCall; ++count) {
-    const int result = lcm_handle_timeout(impl_->lcm, count == 0 ? timeout_ms : 0);
-    if (result < 0 && errno != EINTR) {
+    const int result = impl_->receiver == nullptr
+                           ? -1
+                           : lcm_handle_timeout(impl_->receiver, count == 0 ? timeout_ms : 0);
+    if (result < 0 && (impl_->receiver == nullptr || errno != EINTR)) {
       return Fail({Errc::kIo, "", "LCM URL " + impl_->url, "fails while receiving",
                    "see whether its network or file is still there"});
     }
@@ -129,19 +151,29 @@ void LcmBus::CountPublishError() { ++impl_->publish_errors; }
 
 NavReceiver::NavReceiver(LcmBus* bus, const Rig& rig,
                          std::function<void(const NavMessage&)> on_message)
-    : converter_(rig), on_message_(std::move(on_message)) {
-  for (std::size_t i = 0; i < rig.bus.inputs.size(); ++i) {
-    const BusInput& input = rig.bus.inputs[i];
-    bus->SubscribeRaw(input.channel, [this, bus, input, i](std::string_view, Utime received_utime,
-                                                           std::span<const std::uint8_t> data) {
-      NavSample sample;
-      const NavDecode decoded = converter_.Convert(input, data, &sample);
-      num_samples_ += decoded == NavDecode::kOk;
-      num_rejected_ += decoded == NavDecode::kRejected;
-      if (decoded == NavDecode::kMalformed) bus->CountMalformed();
-      on_message_({i, received_utime, data, decoded == NavDecode::kOk ? &sample : nullptr});
-    });
+    : bus_(bus), inputs_(rig.bus.inputs), converter_(rig), on_message_(std::move(on_message)) {}
+
+IoStatus NavReceiver::Subscribe() {
+  for (; num_subscribed_ < inputs_.size(); ++num_subscribed_) {
+    auto status =
+        bus_->SubscribeRaw(inputs_[num_subscribed_].channel,
+                           [this, i = num_subscribed_](std::string_view, Utime received_utime,
+                                                       std::span<const std::uint8_t> data) {
+                             Take(i, received_utime, data);
+                           });
+    if (!status) return status;
   }
+  return {};
+}
+
+void NavReceiver::Take(std::size_t input, Utime received_utime,
+                       std::span<const std::uint8_t> data) {
+  NavSample sample;
+  const NavDecode decoded = converter_.Convert(inputs_[input], data, &sample);
+  num_samples_ += decoded == NavDecode::kOk;
+  num_rejected_ += decoded == NavDecode::kRejected;
+  if (decoded == NavDecode::kMalformed) bus_->CountMalformed();
+  on_message_({input, received_utime, data, decoded == NavDecode::kOk ? &sample : nullptr});
 }
 
 }  // namespace rsfm

@@ -59,21 +59,24 @@ class LcmBus {
     return false;
   }
 
-  // The channel's name is taken literally. Handlers run within Handle().
-  void SubscribeRaw(const std::string& channel, RawHandler handler);
+  // The channel's name is taken literally. Handlers run within Handle(). kIo where the bus cannot
+  // listen: udpm sends itself a message first and waits for it, up to kSelfTestUs; a firewall that
+  // drops it, or a network without multicast, fails every subscription. May be tried again.
+  static constexpr std::int64_t kSelfTestUs = 10'000'000;
+  IoStatus SubscribeRaw(const std::string& channel, RawHandler handler);
   template <class Message>
-  void Subscribe(const std::string& channel,
-                 std::function<void(Utime received_utime, const Message&)> handler) {
-    SubscribeRaw(channel,
-                 [this, handler = std::move(handler)](std::string_view, Utime received_utime,
-                                                      std::span<const std::uint8_t> data) {
-                   Message message;
-                   if (Decode(data, &message)) {
-                     handler(received_utime, message);
-                   } else {
-                     CountMalformed();
-                   }
-                 });
+  IoStatus Subscribe(const std::string& channel,
+                     std::function<void(Utime received_utime, const Message&)> handler) {
+    return SubscribeRaw(channel,
+                        [this, handler = std::move(handler)](std::string_view, Utime received_utime,
+                                                             std::span<const std::uint8_t> data) {
+                          Message message;
+                          if (Decode(data, &message)) {
+                            handler(received_utime, message);
+                          } else {
+                            CountMalformed();
+                          }
+                        });
   }
 
   // Waits up to timeout_ms for a message, then handles what is there, at most kMaxPerCall of them,
@@ -104,18 +107,28 @@ struct NavMessage {
 // Listens to all inputs of a rig and turns them into samples of the body's origin.
 class NavReceiver {
  public:
-  // The handler sees every message, those without a sample too: a mission's log records them all.
+  // Hears nothing until Subscribe(). The handler sees every message, those without a sample too: a
+  // mission's log records them all.
   NavReceiver(LcmBus* bus, const Rig& rig, std::function<void(const NavMessage&)> on_message);
   NavReceiver(const NavReceiver&) = delete;
   NavReceiver& operator=(const NavReceiver&) = delete;
+
+  // To the inputs not yet listened to, until one fails: kIo, and another call goes on from there.
+  IoStatus Subscribe();
+  bool is_subscribed() const { return num_subscribed_ == inputs_.size(); }
 
   std::int64_t num_samples() const { return num_samples_; }
   std::int64_t num_rejected() const { return num_rejected_; }
   const NavConverter& converter() const { return converter_; }
 
  private:
+  void Take(std::size_t input, Utime received_utime, std::span<const std::uint8_t> data);
+
+  LcmBus* bus_;
+  std::vector<BusInput> inputs_;
   NavConverter converter_;
   std::function<void(const NavMessage&)> on_message_;
+  std::size_t num_subscribed_ = 0;
   std::int64_t num_samples_ = 0;
   std::int64_t num_rejected_ = 0;
 };

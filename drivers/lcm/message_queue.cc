@@ -19,7 +19,7 @@ std::size_t MessageQueue::Tail() const {
   return wrap_at_ > 0 ? used_ - (wrap_at_ - head_) : head_ + used_;
 }
 
-bool MessageQueue::Push(std::string_view channel, Utime utime, std::int64_t origin_us,
+bool MessageQueue::Push(std::string_view channel, Utime utime, const MessageTimes& times,
                         std::span<const std::uint8_t> data) noexcept {
   const std::size_t bytes = RecordBytes(channel.size(), data.size());
   {
@@ -38,7 +38,7 @@ bool MessageQueue::Push(std::string_view channel, Utime utime, std::int64_t orig
       tail = 0;
     }
     const Header header = {static_cast<std::uint32_t>(data.size()),
-                           static_cast<std::uint32_t>(channel.size()), utime, origin_us};
+                           static_cast<std::uint32_t>(channel.size()), utime, times};
     std::uint8_t* to = memory_.get() + tail;
     std::memcpy(to, &header, sizeof header);
     std::memcpy(to + sizeof header, channel.data(), channel.size());
@@ -61,7 +61,7 @@ bool MessageQueue::Pop(int timeout_ms, QueuedMessage* message) {
   std::memcpy(&header, from, sizeof header);
   message->channel = {reinterpret_cast<const char*>(from + sizeof header), header.channel_bytes};
   message->utime = header.utime;
-  message->origin_us = header.origin_us;
+  message->times = header.times;
   message->data = {from + sizeof header + header.channel_bytes, header.data_bytes};
   popped_bytes_ = RecordBytes(header.channel_bytes, header.data_bytes);
   return true;

@@ -16,10 +16,16 @@
 
 namespace rsfm {
 
+// On the monotonic clock; 0: nothing is timed.
+struct MessageTimes {
+  std::int64_t origin_us = 0;  // of what the message is about
+  std::int64_t ready_us = 0;   // when what it says was known
+};
+
 struct QueuedMessage {
   std::string_view channel;
-  Utime utime = 0;             // of receipt or publication
-  std::int64_t origin_us = 0;  // monotonic, of what the message is about; 0: nothing is timed
+  Utime utime = 0;  // of receipt or publication
+  MessageTimes times;
   std::span<const std::uint8_t> data;
 };
 
@@ -31,7 +37,7 @@ class MessageQueue {
   explicit MessageQueue(std::size_t capacity_bytes);
 
   // False, and counted, when there is no room or the queue is closed.
-  bool Push(std::string_view channel, Utime utime, std::int64_t origin_us,
+  bool Push(std::string_view channel, Utime utime, const MessageTimes& times,
             std::span<const std::uint8_t> data) noexcept;
   // The oldest message, in the queue's memory until Release(). Waits up to `timeout_ms`; false when
   // there is none, or at once when there is none and the queue is closed.
@@ -50,7 +56,7 @@ class MessageQueue {
     std::uint32_t data_bytes;
     std::uint32_t channel_bytes;
     Utime utime;
-    std::int64_t origin_us;
+    MessageTimes times;
   };
   static std::size_t RecordBytes(std::size_t channel_bytes, std::size_t data_bytes);
   std::size_t Tail() const;

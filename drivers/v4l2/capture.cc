@@ -70,11 +70,13 @@ IoStatus Capture::Open() {
   retry_at_us_ = now_us + retry_after_us_;
   retry_after_us_ = std::min(2 * retry_after_us_, kLastRetryUs);
   if (!device) {
+    ++counters_.failed_openings;
     last_problem_ = device.error();
     return Fail(device.error());
   }
   auto converter = GreyConverter::Create(device->format().raw);
   if (!converter) {
+    ++counters_.failed_openings;
     last_problem_ = Diagnostic{Errc::kIo, options_.device, converter.error().where,
                                "of the stream is not one that can be read", ""};
     return Fail(*last_problem_);

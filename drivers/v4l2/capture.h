@@ -20,6 +20,7 @@ struct CaptureCounters {
   std::int64_t damaged = 0;      // marked so by the device, too short, or no JPEG
   std::int64_t late = 0;         // not newer than the one before, by the same clock
   std::int64_t restarts = 0;     // openings after the first
+  std::int64_t failed_openings = 0;
   std::int64_t io_errors = 0;    // EIO of a single buffer
   std::int64_t bad_stamps = 0;   // times that cannot be: the arrival's was taken
   std::int64_t clock_steps = 0;  // the system's clock was set

@@ -13,6 +13,7 @@ namespace rsfm {
 namespace {
 
 constexpr std::size_t kBufferBytes = std::size_t{1} << 20;  // a full buffer is flushed at once
+constexpr std::size_t kEventsPerFlush = 16384;
 
 template <class T>
 void AppendBigEndian(std::string* bytes, T value) {
@@ -27,7 +28,8 @@ void AppendBigEndian(std::string* bytes, T value) {
 EventLogWriter::EventLogWriter(std::filesystem::path path, int fd,
                                const EventLogWriterOptions& options)
     : path_(std::move(path)), options_(options), fd_(fd) {
-  buffer_.reserve(kBufferBytes);
+  buffer_.reserve(2 * kBufferBytes);
+  buffered_ends_.reserve(kEventsPerFlush);
 }
 
 EventLogWriter::EventLogWriter(EventLogWriter&& other) noexcept
@@ -90,8 +92,12 @@ IoStatus EventLogWriter::FailAfter(std::size_t bytes_written, int error) {
   num_lost_ += buffered_ends_.end() - whole;
   buffered_ends_.clear();
   buffer_.clear();
-  // Where this fails too, the reader finds one cut event and goes on behind it.
-  if (::ftruncate(fd_, size_on_disk_) == 0) ::lseek(fd_, size_on_disk_, SEEK_SET);
+  // Where this fails too, the reader finds one cut event and goes on behind it; so do we.
+  if (::ftruncate(fd_, size_on_disk_) == 0) {
+    ::lseek(fd_, size_on_disk_, SEEK_SET);
+  } else if (const off_t end = ::lseek(fd_, 0, SEEK_CUR); end >= 0) {
+    size_on_disk_ = end;
+  }
   return Fail(FromErrno(error, path_.string(), "write to the event log"));
 }
 

@@ -39,7 +39,7 @@ template <>
 struct Layout<status_t> {
   static constexpr std::array kSteps = {
       Step{Part::kBytes, kHead + 4 + 4}, Step{Part::kText},
-      Step{Part::kBytes, 1 + 8 * 3 + 1 + 8 * 35 + 4 * 4 + 8 * 3 + 8 * 2}, Step{Part::kText}};
+      Step{Part::kBytes, 1 + 8 * 3 + 1 + 8 * 38 + 4 * 4 + 8 * 3 + 8 * 2}, Step{Part::kText}};
 };
 template <>
 struct Layout<keyframe_t> {

@@ -2,7 +2,6 @@
 // messages through the queue into a mission's log on the disk, against writing the same bytes in
 // one go.
 #include <benchmark/benchmark.h>
-#include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -11,7 +10,7 @@
 #include <thread>
 #include <vector>
 
-#include "tests/drivers/fake_video.h"
+#include "tests/drivers/paced_video.h"
 #include "tests/support/temporary_folder.h"
 #include "tools/onboard/workers.h"
 
@@ -42,7 +41,8 @@ double PlainSeconds(const std::vector<std::uint8_t>& message, int count) {
 void Log(benchmark::State& state) {
   constexpr int kCount = 400;
   const std::vector<std::uint8_t> keyframe(290'000, 7), pose(600, 8);
-  Rig rig;
+  WorkerOptions options;
+  Rig& rig = options.rig;
   rig.camera.width = rig.camera.height = 64;
   double best = 1e9;
   std::int64_t dropped = 0, lost = 0;
@@ -55,10 +55,10 @@ void Log(benchmark::State& state) {
     }
     Shared shared(rig);
     const auto start = std::chrono::steady_clock::now();
-    std::thread log([&] { RunLog(&*writer, &shared); });
+    std::thread log([&] { RunLog(options, &*writer, &shared); });
     for (int i = 0; i < kCount; ++i) {
-      while (!shared.log.Push("RSFM_KEYFRAME", i, 0, keyframe)) std::this_thread::yield();
-      while (!shared.log.Push("RSFM_POSE", i, 0, pose)) std::this_thread::yield();
+      while (!shared.log.Push("RSFM_KEYFRAME", i, {}, keyframe)) std::this_thread::yield();
+      while (!shared.log.Push("RSFM_POSE", i, {}, pose)) std::this_thread::yield();
     }
     shared.log.Close();
     log.join();
@@ -95,7 +95,7 @@ void Bus(benchmark::State& state) {
     }
     Shared shared(options.rig);
     std::thread log([&] {
-      RunLog(&*writer, &shared);
+      RunLog(options, &*writer, &shared);
       log_seconds = ThreadCpuSeconds();
     });
     std::thread publish([&] {
@@ -105,10 +105,9 @@ void Bus(benchmark::State& state) {
     for (int i = 0; i < kCount; ++i) {
       std::this_thread::sleep_for(std::chrono::milliseconds(33));
       const std::int64_t now_us = MonotonicUs();
-      shared.bus_latency_origin = now_us;
       for (auto* queue : {&shared.bus, &shared.log}) {
-        if (i % 5 == 0) queue->Push("RSFM_KEYFRAME", i, 0, keyframe);
-        queue->Push(pose_channel, i, now_us, pose);
+        if (i % 5 == 0) queue->Push("RSFM_KEYFRAME", i, {}, keyframe);
+        queue->Push(pose_channel, i, {now_us, now_us}, pose);
       }
     }
     shared.bus.Close();
@@ -122,37 +121,6 @@ void Bus(benchmark::State& state) {
   state.counters["bus_cpu_ms_per_image"] = 1e3 * bus_seconds / kCount;
   state.counters["log_cpu_ms_per_image"] = 1e3 * log_seconds / kCount;
 }
-
-// The fake camera at its real pace, with a call into the kernel wherever a device would be called.
-// What a driver does in that call, and the interrupt, are not in it.
-class PacedVideo final : public VideoSystem {
- public:
-  FakeVideo fake;
-
-  int Open(const char* path, int* fd) override { return fake.Open(path, fd); }
-  void Close(int fd) override { fake.Close(fd); }
-  int Ioctl(int fd, unsigned long request, void* argument) override {
-    ::syscall(SYS_getppid);
-    return fake.Ioctl(fd, request, argument);
-  }
-  int Map(int fd, std::size_t bytes, std::int64_t offset, void** data) override {
-    return fake.Map(fd, bytes, offset, data);
-  }
-  void Unmap(void* data, std::size_t bytes) override { fake.Unmap(data, bytes); }
-  int Poll(int fd, int timeout_ms, unsigned* events) override {
-    const std::int64_t before_us = fake.now_us;
-    const int error = fake.Poll(fd, timeout_ms, events);
-    KernelVideoSystem().Wait(fake.now_us - before_us);
-    return error;
-  }
-  void Wait(std::int64_t duration_us) override {
-    fake.Wait(duration_us);
-    KernelVideoSystem().Wait(duration_us);
-  }
-  std::int64_t MonotonicUs() override { return fake.MonotonicUs(); }
-  std::int64_t UtcUs() override { return fake.UtcUs(); }
-  std::vector<std::string> List() override { return fake.List(); }
-};
 
 // The camera's thread at 30 Hz, 1280 x 960, GREY, every image to the mapper's queue and to the
 // recorder's: its processor time as a share of one core.

@@ -23,6 +23,7 @@ class BusAbuseTest : public ::testing::Test {
     receiver_ = std::make_unique<NavReceiver>(bus_.get(), rig_, [this](const NavMessage& message) {
       if (message.sample != nullptr) samples_.push_back(*message.sample);
     });
+    EXPECT_TRUE(receiver_->Subscribe());
   }
   // All that is on its way.
   void Drain() {
@@ -221,10 +222,10 @@ TEST(BusFileTest, AFileIsWrittenAsALogOfEvents) {
   auto bus = LcmBus::Create(options);
   ASSERT_TRUE(bus) << ToString(bus.error());
   int count = 0;
-  (*bus)->Subscribe<depth_t>("RSFM_DEPTH", [&](Utime, const depth_t& m) {
+  ASSERT_TRUE((*bus)->Subscribe<depth_t>("RSFM_DEPTH", [&](Utime, const depth_t& m) {
     ++count;
     EXPECT_EQ(m.utime, 5);
-  });
+  }));
   while ((*bus)->Handle(1000).value_or(0) > 0 && count == 0) {
   }
   EXPECT_EQ(count, 1);

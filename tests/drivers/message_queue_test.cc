@@ -24,12 +24,13 @@ TEST(MessageQueueTest, WhatGoesInComesOutInOrder) {
   MessageQueue queue(1 << 16);
   QueuedMessage message;
   EXPECT_FALSE(queue.Pop(0, &message));
-  EXPECT_TRUE(queue.Push("A", 1, 10, Bytes(5, 1)));
-  EXPECT_TRUE(queue.Push("LONGER_CHANNEL", 2, 20, {}));
+  EXPECT_TRUE(queue.Push("A", 1, {10, 15}, Bytes(5, 1)));
+  EXPECT_TRUE(queue.Push("LONGER_CHANNEL", 2, {20, 25}, {}));
   ASSERT_TRUE(queue.Pop(0, &message));
   EXPECT_EQ(message.channel, "A");
   EXPECT_EQ(message.utime, 1);
-  EXPECT_EQ(message.origin_us, 10);
+  EXPECT_EQ(message.times.origin_us, 10);
+  EXPECT_EQ(message.times.ready_us, 15);
   EXPECT_TRUE(std::ranges::equal(message.data, Bytes(5, 1)));
   queue.Release();
   ASSERT_TRUE(queue.Pop(0, &message));
@@ -51,7 +52,7 @@ TEST(MessageQueueTest, EveryMessageSurvivesTheEndOfTheMemory) {
   for (int i = 0; i < 20'000; ++i) {
     if (rng.Uniform(0.0, 1.0) < 0.55) {
       const auto size = static_cast<std::size_t>(rng.Uniform(0.0, 9000.0) * rng.Uniform(0.0, 1.0));
-      if (queue.Push("C", number, 0, Bytes(size, number))) {
+      if (queue.Push("C", number, {}, Bytes(size, number))) {
         waiting.push_back({size, number});
       } else {
         ++dropped;
@@ -76,12 +77,12 @@ TEST(MessageQueueTest, LargeMessagesLeaveRoomForSmallOnes) {
   MessageQueue queue(1 << 17);
   const auto large = Bytes(20'000, 1), small = Bytes(500, 2);
   int num_large = 0, num_small = 0;
-  while (queue.Push("KEYFRAME", 1, 0, large)) ++num_large;
-  while (queue.Push("POSE", 1, 0, small)) ++num_small;
+  while (queue.Push("KEYFRAME", 1, {}, large)) ++num_large;
+  while (queue.Push("POSE", 1, {}, small)) ++num_small;
   EXPECT_GE(num_large, 4);
   EXPECT_GE(num_small, (1 << 17) / 8 / 600);
   // Longer than the whole queue: refused, not waited for.
-  EXPECT_FALSE(queue.Push("HUGE", 1, 0, Bytes(1 << 18, 0)));
+  EXPECT_FALSE(queue.Push("HUGE", 1, {}, Bytes(1 << 18, 0)));
 }
 
 TEST(MessageQueueTest, PushAndPopDoNotAllocate) {
@@ -90,8 +91,8 @@ TEST(MessageQueueTest, PushAndPopDoNotAllocate) {
   QueuedMessage message;
   MallocTrap trap;
   for (int i = 0; i < 200; ++i) {
-    queue.Push("CHANNEL", i, 0, bytes);
-    queue.Push("CHANNEL", i, 0, bytes);
+    queue.Push("CHANNEL", i, {}, bytes);
+    queue.Push("CHANNEL", i, {}, bytes);
     if (queue.Pop(0, &message)) queue.Release();
   }
   EXPECT_EQ(trap.count(), 0u);
@@ -106,7 +107,7 @@ TEST(MessageQueueTest, ManyProducersOneConsumer) {
     producers.emplace_back([&queue, t] {
       const auto bytes = Bytes(40, t);
       for (int i = 0; i < kEach;)
-        i += queue.Push(std::string(1, static_cast<char>('A' + t)), i, 0, bytes);
+        i += queue.Push(std::string(1, static_cast<char>('A' + t)), i, {}, bytes);
     });
   }
   int next[kThreads] = {};
@@ -122,7 +123,7 @@ TEST(MessageQueueTest, ManyProducersOneConsumer) {
 
 TEST(MessageQueueTest, ClosingWakesTheConsumerAndKeepsWhatIsThere) {
   MessageQueue queue(1 << 16);
-  ASSERT_TRUE(queue.Push("A", 1, 0, Bytes(3, 1)));
+  ASSERT_TRUE(queue.Push("A", 1, {}, Bytes(3, 1)));
   int popped = 0;
   std::thread consumer([&] {
     QueuedMessage message;
@@ -134,7 +135,7 @@ TEST(MessageQueueTest, ClosingWakesTheConsumerAndKeepsWhatIsThere) {
   queue.Close();
   consumer.join();
   EXPECT_EQ(popped, 1);
-  EXPECT_FALSE(queue.Push("A", 2, 0, Bytes(3, 1)));
+  EXPECT_FALSE(queue.Push("A", 2, {}, Bytes(3, 1)));
   EXPECT_TRUE(queue.is_closed());
 }
 

@@ -12,6 +12,7 @@
 
 #include "rsfm/base/rng.h"
 #include "rsfm/io/tables.h"
+#include "tests/support/malloc_trap.h"
 #include "tests/support/temporary_folder.h"
 
 namespace rsfm {
@@ -109,8 +110,10 @@ TEST_F(RecorderTest, ImagesAndTableAgree) {
 TEST_F(RecorderTest, TheTableGrowsEveryHalfSecond) {
   auto recorder = Make();
   recorder->FlushIfDue(now_us_);
-  EXPECT_EQ(Table().size(), 0u);
-  for (std::int64_t number = 0; number < 40; ++number) {
+  Record(recorder.get(), 0);
+  recorder->Flush();
+  EXPECT_EQ(Table().size(), 1u);
+  for (std::int64_t number = 1; number < 40; ++number) {
     Record(recorder.get(), number);
     recorder->FlushIfDue(now_us_);
     const auto listed = static_cast<std::int64_t>(Table().size());
@@ -120,7 +123,7 @@ TEST_F(RecorderTest, TheTableGrowsEveryHalfSecond) {
 
 TEST_F(RecorderTest, TheQuotaEndsRecordingAndSaysSo) {
   options_.image_quota_mb = 1;
-  disk_.write = [](const std::filesystem::path&, std::span<const std::uint8_t>) { return 0; };
+  disk_.write = [](const char*, std::span<const std::uint8_t>) { return 0; };
   auto recorder = Make();
   std::int64_t number = 0;
   while (Record(recorder.get(), number)) {
@@ -157,7 +160,7 @@ TEST_F(RecorderTest, AFullDiskPausesRecordingAndRoomResumesIt) {
 TEST_F(RecorderTest, ARefusedWriteIsNotListedAndIsTriedAgain) {
   int error = 0;
   const RecorderDisk real = RealDisk();
-  disk_.write = [&](const std::filesystem::path& path, std::span<const std::uint8_t> data) {
+  disk_.write = [&](const char* path, std::span<const std::uint8_t> data) {
     return error != 0 ? error : real.write(path, data);
   };
   auto recorder = Make();
@@ -222,9 +225,65 @@ TEST_F(RecorderTest, AFullFileSystemKeepsWholeImagesOnly) {
   ::umount2(mission.c_str(), MNT_DETACH);
 }
 
-TEST_F(RecorderTest, AFolderThatCannotBeIsAnError) {
-  std::ofstream(folder_.path() / "images") << "in the way";
-  EXPECT_FALSE(Recorder::Create(folder_.path(), options_, kWidth, kHeight, disk_));
+// A folder that cannot be made costs the images and is tried again.
+TEST_F(RecorderTest, AFolderThatCannotBeIsRefusedUntilItCan) {
+  auto recorder = Make();
+  EXPECT_FALSE(std::filesystem::exists(folder_.path() / "images"));  // nothing before an image
+  EXPECT_FALSE(std::filesystem::exists(folder_.path() / "images.csv"));
+  std::filesystem::create_directories(folder_.path() / "images.csv");  // in the table's way
+  EXPECT_FALSE(Record(recorder.get(), 0));
+  EXPECT_THAT(recorder->problem(), HasSubstr("disk refuses"));
+  std::filesystem::remove(folder_.path() / "images.csv");
+  now_us_ += Recorder::kPauseUs;
+  EXPECT_TRUE(Record(recorder.get(), 1));
+  recorder->Flush();
+  ASSERT_EQ(Table().size(), 1u);
+  EXPECT_EQ(Table()[0].image, "0000/000001.jpg");
+}
+
+// A disk that took the images and fails when it must keep them: they are not in the table, and are
+// counted.
+TEST_F(RecorderTest, ImagesThatTheDiskCouldNotKeepAreNotListed) {
+  int all_error = 0, table_error = 0;
+  disk_.sync_all = [&](int) { return all_error; };
+  disk_.sync = [&](int) { return table_error; };
+  auto recorder = Make();
+  EXPECT_TRUE(Record(recorder.get(), 0));
+  recorder->Flush();
+  EXPECT_TRUE(Record(recorder.get(), 1));
+  EXPECT_TRUE(Record(recorder.get(), 2));
+  all_error = EIO;
+  recorder->Flush();
+  EXPECT_EQ(Table().size(), 1u);
+  EXPECT_EQ(recorder->num_recorded(), 1);
+  EXPECT_EQ(recorder->num_failed(), 2);
+  EXPECT_THAT(recorder->problem(), HasSubstr("made to keep them"));
+  all_error = 0;
+  table_error = EIO;
+  now_us_ += Recorder::kPauseUs;
+  EXPECT_TRUE(Record(recorder.get(), 3));
+  recorder->Flush();
+  EXPECT_THAT(recorder->problem(), HasSubstr("images.csv"));
+}
+
+// Folder and table once, then nothing but libjpeg-turbo asks for memory.
+TEST_F(RecorderTest, RecordingDoesNotAllocate) {
+  options_.record_lossless = true;
+  auto recorder = Make();
+  ASSERT_TRUE(Record(recorder.get(), 0));
+  recorder->Flush();
+  std::size_t calls = 0;
+  for (std::int64_t number = 998; number < 1003; ++number) {  // over the end of a segment
+    Recorder::Name(number, true, &frame_.image);
+    frame_.utime += 600'000;
+    now_us_ += 600'000;
+    const MallocTrap trap;
+    recorder->Record(frame_, now_us_);
+    recorder->FlushIfDue(now_us_);
+    calls += trap.count();
+  }
+  EXPECT_EQ(calls, 0u);
+  EXPECT_EQ(Table().size(), 6u);
 }
 
 }  // namespace

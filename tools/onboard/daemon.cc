@@ -14,6 +14,7 @@ namespace fs = std::filesystem;
 
 constexpr std::int64_t kStatusPeriodUs = 1'000'000;
 constexpr int kCommandWaitMs = 100;
+constexpr std::int64_t kDiskPatienceUs = 5'000'000;
 
 std::string UtcName() {
   const std::time_t now = std::time(nullptr);
@@ -37,11 +38,6 @@ IoExpected<fs::path> NewFolder(const fs::path& wanted, bool may_rename) {
   }
   return Fail({Errc::kInvalidArgument, wanted.string(), "--out", "exists",
                "give a folder that does not exist yet"});
-}
-
-bool AreSame(const World& a, const World& b) {
-  return a.frame == b.frame && a.scale_is_metric == b.scale_is_metric &&
-         a.origin.has_value() == b.origin.has_value();
 }
 
 }  // namespace
@@ -79,8 +75,9 @@ IoExpected<std::unique_ptr<Daemon>> Daemon::Create(const DaemonOptions& options)
 IoStatus Daemon::OpenSource() {
   Rig& rig = worker_.rig;
   if (!options_.replay) {
-    source_ = std::make_unique<CameraSource>(&KernelVideoSystem(), rig.capture, rig.camera.width,
-                                             rig.camera.height);
+    source_ = std::make_unique<CameraSource>(
+        options_.video != nullptr ? options_.video : &KernelVideoSystem(), rig.capture,
+        rig.camera.width, rig.camera.height);
     return {};
   }
   auto list = ListImages(*options_.replay, std::nullopt, 1.0);
@@ -114,14 +111,16 @@ IoStatus Daemon::OpenMission() {
     const ImageList& list = static_cast<ReplaySource*>(source_.get())->list();
     if (auto s = writer->WriteImageTimes(list.images); !s) return s;
     if (auto s = writer->LinkImages(list.folder); !s) return s;
-  } else if (rig.onboard.record_images) {
+  } else {  // ready even where nothing is recorded yet: SIGHUP may ask for it
     auto recorder = Recorder::Create(mission_, rig.onboard, rig.camera.width, rig.camera.height);
-    if (!recorder) return Fail(recorder.error());
-    recorder_ = std::move(*recorder);
-    shared_->has_recorder = true;
+    if (recorder) {
+      recorder_ = std::move(*recorder);
+      shared_->has_recorder = rig.onboard.record_images;
+    } else {
+      recorder_problem_ = "images are not recorded: " + ToString(recorder.error());
+    }
   }
   writer_ = std::make_unique<MissionWriter>(std::move(*writer));
-  written_world_ = rig.world;
   shared_->has_log = true;
   return {};
 }
@@ -129,10 +128,10 @@ IoStatus Daemon::OpenMission() {
 void Daemon::Start() {
   Shared* shared = shared_.get();
   last_status_us_ = MonotonicUs();
-  if (writer_) log_ = std::thread([this, shared] { RunLog(writer_.get(), shared); });
+  if (writer_) log_ = std::thread([this, shared] { RunLog(worker_, writer_.get(), shared); });
   if (recorder_) record_ = std::thread([this, shared] { RunRecorder(recorder_.get(), shared); });
   bus_thread_ = std::thread([this, shared] { RunBus(worker_, bus_.get(), shared); });
-  if (!worker_.nav_comes_from_file)
+  if (!worker_.nav_comes_from_file && !worker_.rig.bus.inputs.empty())
     receive_ = std::thread([this, shared] { RunReceive(worker_, bus_.get(), shared); });
   mapper_ = std::thread([this, shared] { RunMapper(worker_, feed_.get(), shared); });
   capture_ = std::thread([this, shared] { RunCapture(worker_, source_.get(), shared); });
@@ -153,35 +152,25 @@ void Daemon::Finish() {
   shared_->log.Close();
   join(&bus_thread_);
   join(&log_);
-  WriteWorld();
 }
 
-// Every thread has been round its loop not longer ago than that.
-bool Daemon::IsAlive(std::int64_t limit_us) const {
-  const std::int64_t now_us = MonotonicUs();
-  const auto is_alive = [&](Worker worker, const std::thread& thread) {
-    return !thread.joinable() ||
-           now_us - shared_->beats[static_cast<std::size_t>(worker)] <= limit_us;
-  };
-  return (shared_->source_has_ended || is_alive(Worker::kCapture, capture_)) &&
-         is_alive(Worker::kMapper, mapper_) && is_alive(Worker::kBus, bus_thread_) &&
-         is_alive(Worker::kReceive, receive_) && is_alive(Worker::kLog, log_) &&
-         is_alive(Worker::kRecord, record_);
-}
-
-std::string Daemon::Problems() {
+std::string Daemon::Problems(std::int64_t now_us) {
   std::string text;
   const auto add = [&text](const std::string& problem) {
     if (!problem.empty()) text += (text.empty() ? "" : "; ") + problem;
   };
   add(mission_problem_);
+  add(recorder_problem_);
   add(memory_problem_);
+  if (const std::int64_t silence_us = shared_->DiskSilenceUs(now_us); silence_us > kDiskPatienceUs)
+    add("the mission's disk has not answered for " + std::to_string(silence_us / 1'000'000) + " s");
   if (shared_->log_is_failing) add("the mission's log cannot be written");
   if (recorder_ && recorder_->problem() != nullptr) add(recorder_->problem());
   add(reload_problem_);
   const std::scoped_lock lock(shared_->mutex);
   add(shared_->source_problem);
   add(shared_->control_problem);
+  add(shared_->receive_problem);
   add(shared_->thread_problems);
   return text;
 }
@@ -211,6 +200,9 @@ status_t Daemon::MakeStatus(std::int64_t now_us) {
   status.frames_dropped =
       status.frames_missed + status.frames_damaged + status.frames_late + status.frames_skipped;
   status.camera_restarts = source.restarts;
+  status.camera_failed_openings = source.failed_openings;
+  status.camera_bad_stamps = source.bad_stamps;
+  status.clock_steps = source.clock_steps;
   const auto reasons = NavReasons(&status);
   for (std::size_t i = 0; i < reasons.size(); ++i) {
     const std::int64_t count = shared_->nav_rejected[i];
@@ -231,7 +223,7 @@ status_t Daemon::MakeStatus(std::int64_t now_us) {
   status.latency_p99_ms = latency.p99_ms;
   status.memory_bytes = ResidentBytes();
   status.disk_free_bytes = writer_ ? FreeDiskBytes(mission_) : -1;
-  status.message = Problems();
+  status.message = Problems(now_us);
   return status;
 }
 
@@ -248,25 +240,8 @@ void Daemon::PublishStatus() {
   if (status.utime == 0) return;  // a replay before its first image
   if (!Encode(status, &encoded_)) return;
   const std::string& channel = worker_.rig.bus.status_channel;
-  shared_->bus.Push(channel, status.utime, 0, encoded_);
-  if (shared_->has_log) shared_->log.Push(channel, status.utime, 0, encoded_);
-}
-
-// The mission's rig file says what its poses refer to, as soon as that is known.
-void Daemon::WriteWorld() {
-  if (!writer_) return;
-  World world = worker_.rig.world;
-  {
-    const std::scoped_lock lock(shared_->mutex);
-    if (!world.origin) world.origin = shared_->origin;
-    if (!shared_->has_world) return;
-    world.frame = shared_->world_is_ned ? WorldFrame::kNed : WorldFrame::kFirstCamera;
-    world.scale_is_metric = shared_->scale_is_metric;
-  }
-  if (AreSame(world, written_world_)) return;
-  Rig rig = worker_.rig;
-  rig.world = world;
-  if (WriteRig(rig, mission_ / kRigFile)) written_world_ = world;  // else in a second
+  shared_->bus.Push(channel, status.utime, {}, encoded_);
+  if (shared_->has_log) shared_->log.Push(channel, status.utime, {}, encoded_);
 }
 
 void Daemon::Reload() {
@@ -285,6 +260,19 @@ void Daemon::Reload() {
   shared_->new_controls = rig->capture;
 }
 
+IoStatus Daemon::HowItEnded() const {
+  if (!mission_problem_.empty())
+    return Fail({Errc::kIo, mission_.string(), "", mission_problem_, "make room on the disk"});
+  const std::int64_t num_dropped = shared_->log.num_dropped();
+  if (shared_->log_is_whole && num_dropped == 0) return {};
+  const std::int64_t num_lost = shared_->log_errors;
+  return Fail({Errc::kIo, mission_.string(), std::string(kEventsFile),
+               "could not be written whole: " + std::to_string(num_lost + num_dropped) +
+                   " events are missing, " + std::to_string(num_dropped) +
+                   " of them because the disk was too slow",
+               num_lost > 0 ? "make room on the disk" : "give onboard.log_queue_mb more"});
+}
+
 IoStatus Daemon::Run(const std::function<Command(int timeout_ms)>& wait, const Notifier& notifier) {
   Start();
   notifier.Send("READY=1");
@@ -301,22 +289,16 @@ IoStatus Daemon::Run(const std::function<Command(int timeout_ms)>& wait, const N
     const std::int64_t now_us = MonotonicUs();
     if (now_us - last_status_us_ >= kStatusPeriodUs) {
       PublishStatus();
-      WriteWorld();
     }
-    if (watchdog_us > 0 && now_us - last_watchdog_us >= watchdog_us / 4 && IsAlive(watchdog_us)) {
+    if (watchdog_us > 0 && now_us - last_watchdog_us >= watchdog_us / 4 &&
+        shared_->IsAlive(now_us, watchdog_us)) {
       last_watchdog_us = now_us;
       notifier.Send("WATCHDOG=1");
     }
   }
   notifier.Send("STOPPING=1");
   Finish();
-  if (!shared_->log_is_whole) {
-    return Fail({Errc::kIo, mission_.string(), std::string(kEventsFile),
-                 "could not be written whole: " + std::to_string(shared_->log_errors.load()) +
-                     " events are missing",
-                 "make room on the disk"});
-  }
-  return {};
+  return HowItEnded();
 }
 
 }  // namespace rsfm

@@ -21,6 +21,7 @@ struct DaemonOptions {
   std::string lcm_url;                          // empty: the rig's
   std::optional<std::filesystem::path> replay;  // a folder of images, or a mission
   std::optional<std::filesystem::path> nav;     // of a replay; else the folder's nav.csv
+  VideoSystem* video = nullptr;                 // where the camera is; null: the kernel's
   ReplayOptions replay_options;
 };
 
@@ -34,8 +35,8 @@ class Daemon {
   ~Daemon();
 
   // Starts the threads; until the source ends or `wait` says kStop. `wait` is asked for the next
-  // command, and waits up to that long. Then everything is closed in order. kIo when the log could
-  // not be closed whole.
+  // command, and waits up to that long. Then everything is closed in order. kIo when the mission
+  // was not written, or not whole.
   IoStatus Run(const std::function<Command(int timeout_ms)>& wait, const Notifier& notifier);
 
   const std::filesystem::path& mission() const { return mission_; }
@@ -55,9 +56,8 @@ class Daemon {
   void Finish();
   void Reload();
   void PublishStatus();
-  void WriteWorld();
-  bool IsAlive(std::int64_t limit_us) const;
-  std::string Problems();
+  std::string Problems(std::int64_t now_us);
+  IoStatus HowItEnded() const;
 
   DaemonOptions options_;
   WorkerOptions worker_;
@@ -68,12 +68,11 @@ class Daemon {
   std::unique_ptr<MissionWriter> writer_;
   std::unique_ptr<Recorder> recorder_;
   std::filesystem::path mission_;
-  std::string mission_problem_, memory_problem_, reload_problem_;
+  std::string mission_problem_, recorder_problem_, memory_problem_, reload_problem_;
   std::vector<std::uint8_t> encoded_;
   std::thread capture_, mapper_, bus_thread_, receive_, log_, record_;
   std::int64_t last_status_us_ = 0, last_frames_ = 0;
   double frame_rate_hz_ = 0.0;
-  World written_world_;
 };
 
 }  // namespace rsfm

@@ -1,12 +1,15 @@
 // What the daemon's threads share: frames, queues and figures. Drop policies: docs/onboard.md.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <vector>
 
+#include "rsfm/io/messages.h"
 #include "rsfm/io/rig.h"
 #include "rsfm/navigation/nav_buffer.h"
 #include "rsfm_drivers/lcm/message_queue.h"
@@ -30,9 +33,11 @@ struct Shared {
         record(static_cast<std::size_t>(rig.onboard.record_queue)),
         nav(static_cast<std::size_t>(rig.onboard.nav_queue)),
         bus(static_cast<std::size_t>(rig.onboard.bus_queue_mb) << 20),
-        log(static_cast<std::size_t>(rig.onboard.log_queue_mb) << 20) {
-    const std::int64_t now_us = MonotonicUs();
-    for (auto& beat : beats) beat = now_us;
+        log(static_cast<std::size_t>(rig.onboard.log_queue_mb) << 20),
+        nav_waiting(rig.bus.inputs.size()),
+        nav_share(std::max(
+            1, rig.onboard.nav_queue / std::max(1, static_cast<int>(rig.bus.inputs.size())))) {
+    for (auto& beat : beats) beat = kResting;
   }
 
   FramePool pool;
@@ -40,9 +45,12 @@ struct Shared {
   BoundedQueue<Frame*> record;   // capture to recorder
   BoundedQueue<NavArrival> nav;  // bus (or the replayed table) to mapper
   MessageQueue bus, log;
+  // Samples of each of rig.bus.inputs in `nav`, and how many may be: a sensor that floods its
+  // channel costs its own samples and nobody else's.
+  std::vector<std::atomic<int>> nav_waiting;
+  const int nav_share;
   LatencyWindow latency;      // mid-exposure to the published pose
   LatencyWindow bus_latency;  // the mapper's end to the published pose
-  std::atomic<std::int64_t> bus_latency_origin = 0;
 
   std::atomic<bool> stop = false;
   std::atomic<bool> source_has_ended = false;
@@ -59,10 +67,31 @@ struct Shared {
   std::atomic<bool> log_is_failing = false;                  // now
   std::atomic<bool> log_is_whole = true;                     // known at the end
   std::array<std::atomic<std::int64_t>, kNumWorkers> beats;  // monotonic: each thread is alive
+  static constexpr std::int64_t kResting = INT64_MAX;        // not begun, or ended
 
-  void Beat(Worker worker) { beats[static_cast<std::size_t>(worker)] = MonotonicUs(); }
+  void Beat(Worker worker) { Allow(worker, 0); }
+  // The thread is about to wait for something that may take so long.
+  void Allow(Worker worker, std::int64_t duration_us) {
+    beats[static_cast<std::size_t>(worker)] = MonotonicUs() + duration_us;
+  }
+  void Rest(Worker worker) { beats[static_cast<std::size_t>(worker)] = kResting; }
+  // How long ago the thread went round its loop, beyond what it was allowed.
+  std::int64_t SilenceUs(Worker worker, std::int64_t now_us) const {
+    const std::int64_t beat_us = beats[static_cast<std::size_t>(worker)];
+    return beat_us == kResting ? 0 : std::max<std::int64_t>(0, now_us - beat_us);
+  }
+  // Every thread that poses depend on has been round its loop not longer ago than that. Those that
+  // write to the disk are not among them: a disk that hangs costs the mission, not the poses.
+  bool IsAlive(std::int64_t now_us, std::int64_t limit_us) const {
+    for (const Worker worker : {Worker::kCapture, Worker::kMapper, Worker::kBus, Worker::kReceive})
+      if (SilenceUs(worker, now_us) > limit_us) return false;
+    return true;
+  }
+  std::int64_t DiskSilenceUs(std::int64_t now_us) const {
+    return std::max(SilenceUs(Worker::kLog, now_us), SilenceUs(Worker::kRecord, now_us));
+  }
 
-  std::mutex mutex;  // of what follows
+  mutable std::mutex mutex;  // of what follows
   CaptureCounters source;
   std::string source_problem;
   status_t vision{};  // what the mapper knows of a status
@@ -70,6 +99,7 @@ struct Shared {
   std::optional<Geodetic> origin;  // of the first fix
   std::optional<CaptureOptions> new_controls;
   std::string control_problem;
+  std::string receive_problem;  // why no navigation is heard
   std::string thread_problems;
 
   void AddThreadProblem(const std::string& problem) {

@@ -6,8 +6,6 @@
 namespace rsfm {
 namespace {
 
-constexpr int kWaitMs = 100;
-
 // The frame is the mapper's from here on, or dropped.
 void HandToMapper(const WorkerOptions& options, Frame* frame, Shared* shared) {
   if (options.loses_nothing) {
@@ -73,21 +71,21 @@ class QueueSink final : public MessageSink {
   QueueSink(const WorkerOptions& options, Shared* shared)
       : is_replay_(options.is_replay), shared_(shared) {}
 
-  // What the next messages are about.
-  void SetOrigin(std::int64_t origin_us) { origin_us_ = origin_us; }
+  // Of the next messages.
+  void SetTimes(const MessageTimes& times) { times_ = times; }
 
   IoStatus Take(Audience audience, const std::string& channel, Utime utime,
                 std::span<const std::uint8_t> data) override {
     const Utime log_utime = is_replay_ ? utime : UtcNow();
-    if (audience == Audience::kBusAndLog) shared_->bus.Push(channel, log_utime, origin_us_, data);
-    if (shared_->has_log) shared_->log.Push(channel, log_utime, 0, data);
+    if (audience == Audience::kBusAndLog) shared_->bus.Push(channel, log_utime, times_, data);
+    if (shared_->has_log) shared_->log.Push(channel, log_utime, {}, data);
     return {};  // what did not fit was counted
   }
 
  private:
   bool is_replay_;
   Shared* shared_;
-  std::int64_t origin_us_ = 0;
+  MessageTimes times_;
 };
 
 class MapperLoop {
@@ -115,7 +113,7 @@ class MapperLoop {
       }
     }
     const StepReport& last = feed_->last();
-    sink_.SetOrigin(0);
+    sink_.SetTimes({});
     static_cast<void>(
         publisher_.PublishEnd(last_utime_, last, feed_->counters(), &feed_->mapper()));
     Report(last_utime_);
@@ -123,10 +121,13 @@ class MapperLoop {
   }
 
  private:
+  // Of a live bus at most what the queue holds: a flood does not keep the next image waiting.
   void DrainNav(std::int64_t until) {
     NavArrival arrival;
-    while (num_nav_ < until && shared_->nav.Pop(0, &arrival)) {
+    const std::int64_t end = std::min(until, num_nav_ + options_.rig.onboard.nav_queue);
+    while (num_nav_ < (options_.loses_nothing ? until : end) && shared_->nav.Pop(0, &arrival)) {
       ++num_nav_;
+      if (!options_.nav_comes_from_file) --shared_->nav_waiting[arrival.input];
       Log(arrival);
       if (!arrival.has_sample) continue;
       feed_->AddNav(arrival.sample);
@@ -136,7 +137,7 @@ class MapperLoop {
 
   void Log(const NavArrival& arrival) {
     if (arrival.size == 0 || !shared_->has_log) return;
-    shared_->log.Push(options_.rig.bus.inputs[arrival.input].channel, arrival.received_utime, 0,
+    shared_->log.Push(options_.rig.bus.inputs[arrival.input].channel, arrival.received_utime, {},
                       std::span(arrival.data).first(arrival.size));
   }
 
@@ -150,9 +151,7 @@ class MapperLoop {
     }
     last_utime_ = frame.utime;
     ++shared_->frames_mapped;
-    sink_.SetOrigin(frame.origin_us);
-    mapped_us_ = MonotonicUs();
-    shared_->bus_latency_origin = mapped_us_;
+    sink_.SetTimes({frame.origin_us, MonotonicUs()});
     static_cast<void>(publisher_.PublishStep(frame.image, frame.utime, *report, feed_->counters(),
                                              &feed_->mapper()));
     Report(frame.utime);
@@ -173,7 +172,6 @@ class MapperLoop {
   QueueSink sink_;
   MissionPublisher publisher_;
   std::int64_t num_nav_ = 0;
-  std::int64_t mapped_us_ = 0;
   Utime last_utime_ = 0;
 };
 
@@ -217,6 +215,7 @@ void RunCapture(const WorkerOptions& options, FrameSource* source, Shared* share
   }
   if (frame != nullptr) FramePool::Release(frame);
   shared->source_has_ended = true;
+  shared->Rest(Worker::kCapture);
   shared->frames.Close();
   shared->record.Close();
 }
@@ -225,108 +224,7 @@ void RunMapper(const WorkerOptions& options, MapperFeed* feed, Shared* shared) {
   const OnboardOptions& onboard = options.rig.onboard;
   shared->AddThreadProblem(SetUpThread("rsfm-mapper", onboard.mapper_priority, onboard.mapper_cpu));
   MapperLoop(options, feed, shared).Run();
-}
-
-void RunBus(const WorkerOptions& options, LcmBus* bus, Shared* shared) {
-  SetUpThread("rsfm-bus");
-  std::string channel;
-  channel.reserve(64);
-  while (true) {
-    shared->Beat(Worker::kBus);
-    QueuedMessage message;
-    if (!shared->bus.Pop(kWaitMs, &message)) {
-      if (shared->bus.is_closed()) return;
-      continue;
-    }
-    channel.assign(message.channel);
-    bus->PublishRaw(channel, message.data);
-    if (message.origin_us > 0 && message.channel == options.rig.bus.pose_channel) {
-      const std::int64_t now_us = MonotonicUs();
-      shared->latency.Add(now_us, now_us - message.origin_us);
-      shared->bus_latency.Add(now_us, now_us - shared->bus_latency_origin);
-    }
-    shared->publish_errors = bus->counters().publish_errors;
-    shared->bus.Release();
-  }
-}
-
-void RunReceive(const WorkerOptions& options, LcmBus* bus, Shared* shared) {
-  SetUpThread("rsfm-receive");
-  NavArrival arrival, dropped;
-  const NavReceiver receiver(bus, options.rig, [&](const NavMessage& message) {
-    arrival.has_sample = message.sample != nullptr;
-    if (arrival.has_sample) arrival.sample = *message.sample;
-    arrival.input = static_cast<std::uint16_t>(message.input);
-    arrival.received_utime = message.received_utime;
-    if (message.data.size() <= arrival.data.size()) {
-      arrival.size = static_cast<std::uint16_t>(message.data.size());
-      std::copy(message.data.begin(), message.data.end(), arrival.data.begin());
-    } else {
-      arrival.size = 0;
-      if (shared->has_log)
-        shared->log.Push(options.rig.bus.inputs[message.input].channel, message.received_utime, 0,
-                         message.data);
-    }
-    if (shared->nav.PushDropOldest(arrival, &dropped)) ++shared->nav_overruns;
-  });
-  bool has_origin = options.rig.world.origin.has_value();
-  while (!shared->stop) {
-    shared->Beat(Worker::kReceive);
-    if (!bus->Handle(kWaitMs)) KernelVideoSystem().Wait(1000 * kWaitMs);  // the network is away
-    const LcmBusCounters counters = bus->counters();
-    shared->malformed = counters.malformed;
-    shared->receive_overruns = counters.overruns;
-    shared->nav_unusable = receiver.num_rejected();
-    for (int i = 0; i < kNumNavRejects; ++i)
-      shared->nav_rejected[static_cast<std::size_t>(i)] =
-          static_cast<std::int64_t>(receiver.converter().rejected(static_cast<NavReject>(i)));
-    if (!has_origin && receiver.converter().origin()) {
-      has_origin = true;
-      const std::scoped_lock lock(shared->mutex);
-      shared->origin = receiver.converter().origin();
-    }
-  }
-}
-
-void RunLog(MissionWriter* writer, Shared* shared) {
-  // A log that has lost nothing for so long is well again.
-  constexpr std::int64_t kRecoveryUs = 10'000'000;
-  SetUpThread("rsfm-log");
-  std::int64_t failed_us = -kRecoveryUs;
-  while (true) {
-    shared->Beat(Worker::kLog);
-    QueuedMessage message;
-    IoStatus status;
-    if (shared->log.Pop(kWaitMs, &message)) {
-      status = writer->LogRaw(message.channel, message.utime, message.data);
-      shared->log.Release();
-    } else if (shared->log.is_closed()) {
-      break;
-    } else {
-      status = writer->log().FlushIfDue();
-    }
-    const std::int64_t now_us = MonotonicUs();
-    if (!status) failed_us = now_us;
-    shared->log_errors = writer->log().num_lost();
-    shared->log_is_failing = now_us - failed_us < kRecoveryUs;
-  }
-  shared->log_is_whole = writer->Close().has_value() && writer->log().num_lost() == 0;
-  shared->log_errors = writer->log().num_lost();
-}
-
-void RunRecorder(Recorder* recorder, Shared* shared) {
-  SetUpThread("rsfm-record");
-  for (Frame* frame = nullptr;;) {
-    shared->Beat(Worker::kRecord);
-    if (shared->record.Pop(kWaitMs, &frame)) {
-      recorder->Record(*frame, MonotonicUs());
-      FramePool::Release(frame);
-    } else if (shared->record.IsFinished()) {
-      break;
-    }
-    recorder->FlushIfDue(MonotonicUs());
-  }
-  recorder->Flush();
+  shared->Rest(Worker::kMapper);
 }
 
 }  // namespace rsfm

@@ -11,6 +11,8 @@
 
 namespace rsfm {
 
+inline constexpr int kWaitMs = 100;  // for what feeds a thread, before it looks round
+
 struct WorkerOptions {
   Rig rig;
   bool is_replay = false;            // log times are those of the measurements
@@ -26,11 +28,13 @@ void RunCapture(const WorkerOptions& options, FrameSource* source, Shared* share
 void RunMapper(const WorkerOptions& options, MapperFeed* feed, Shared* shared);
 // From the queue to the bus. Ends when the queue is closed and empty.
 void RunBus(const WorkerOptions& options, LcmBus* bus, Shared* shared);
-// From the bus to the navigation queue and the log. Ends when `shared->stop` is set.
+// From the bus to the navigation queue and the log. Where the bus does not let it listen, it says
+// so and tries again after 1 s, then twice as long each time, at most 30 s. Ends when
+// `shared->stop` is set.
 void RunReceive(const WorkerOptions& options, LcmBus* bus, Shared* shared);
-// From the queue to the mission's log, and to the disk each half second. Ends when the queue is
-// closed and empty.
-void RunLog(MissionWriter* writer, Shared* shared);
+// From the queue to the mission's log, and to the disk each half second; the rig file again when it
+// is known what the poses refer to. Ends when the queue is closed and empty.
+void RunLog(const WorkerOptions& options, MissionWriter* writer, Shared* shared);
 // From the queue to the mission's images. Ends when the queue is closed and empty.
 void RunRecorder(Recorder* recorder, Shared* shared);
 

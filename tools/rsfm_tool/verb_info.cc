@@ -93,6 +93,9 @@ void PrintStatus(const status_t& status) {
       "camera restarts\n",
       number(status.frames_received), number(status.frames_missed), number(status.frames_damaged),
       number(status.frames_late), number(status.frames_skipped), number(status.camera_restarts));
+  PrintReasons("  camera", {{"failed openings", status.camera_failed_openings},
+                            {"time stamps that cannot be", status.camera_bad_stamps},
+                            {"steps of the clock", status.clock_steps}});
   PrintReasons("  refused", {{"of another form", status.frames_wrong_form},
                              {"of a repeated time", status.frames_repeated_time},
                              {"out of order", status.frames_out_of_order},
