@@ -99,6 +99,83 @@ TEST_F(DaemonTest, AFlightReplaysByteForByte) {
   EXPECT_THAT(again.out, HasSubstr(std::to_string(mission->poses.size()) + " poses"));
 }
 
+// Ten thousand messages a second on every channel that the daemon listens to: rubbish, cut ones,
+// other types, and a depth again and again. Poses are those without it; of the navigation nothing
+// arrives that was not sent, and what is missing was counted.
+TEST_F(DaemonTest, AFloodOnEveryChannelLeavesPosesAndNavigationRight) {
+  constexpr int kSpeed = 4, kFloodHz = 10'000;
+  MapRequest request;
+  request.images = Images();
+  request.rig = Images() / "rig.yaml";
+  request.out = folder_.path() / "desk";
+  ASSERT_TRUE(MapImages(request));
+  const auto desk = ReadMission(request.out);
+  ASSERT_TRUE(desk);
+  std::vector<std::pair<std::string, std::vector<std::uint8_t>>> sent;
+  const fs::path flooded = folder_.path() / "flooded.lcm";
+  {
+    auto log = EventLogWriter::Create(flooded, {.sync_to_disk = false});
+    ASSERT_TRUE(log);
+    Rng rng(5);
+    Utime last = 0;
+    std::vector<std::uint8_t> depth;
+    for (const LogEvent& event : EventsOf(request.out / "events.lcm")) {
+      if (event.channel.starts_with("RSFM_POSE") || event.channel.starts_with("RSFM_STATUS") ||
+          event.channel.starts_with("RSFM_KEYFRAME") || event.channel.starts_with("RSFM_LANDMARKS"))
+        continue;
+      const Utime utime = event.utime;
+      for (; last > 0 && last < utime; last += kSpeed * 1'000'000 / kFloodHz) {
+        for (const BusInput& input : desk->rig.bus.inputs) {
+          std::vector<std::uint8_t> bytes = event.data;
+          const std::uint32_t kind = rng.Index(3);
+          if (kind == 0) bytes.pop_back();
+          if (kind == 1) bytes.assign(40, static_cast<std::uint8_t>(rng.Index(256)));
+          if (kind == 2 && input.channel == "RSFM_DEPTH") bytes = depth;
+          if (kind == 2 && input.channel == event.channel) bytes[3] ^= 1;  // its fingerprint
+          ASSERT_TRUE(log->Append(input.channel, last, bytes.data(), bytes.size()));
+        }
+      }
+      last = std::max(last, utime);
+      if (event.channel == "RSFM_DEPTH") depth = event.data;
+      sent.emplace_back(event.channel, event.data);
+      ASSERT_TRUE(log->Append(event.channel, utime, event.data.data(), event.data.size()));
+    }
+    ASSERT_TRUE(log->Close());
+  }
+  const fs::path folder = folder_.path() / "camera";  // that knows nothing of navigation
+  fs::copy(Images(), folder, fs::copy_options::recursive);
+  fs::remove(folder / "nav.csv");
+  const auto flown = RunProgram(
+      std::string(RSFM_ONBOARD) + " " + (folder / "rig.yaml").string() + " --replay " +
+      folder.string() + " --rate " + std::to_string(kSpeed) + " --lcm-url 'file://" +
+      flooded.string() + "?mode=r&speed=" + std::to_string(kSpeed) + "' --out " + Out().string());
+  ASSERT_EQ(flown.exit_code, 0) << flown.err;
+  const auto mission = ReadMission(Out());
+  ASSERT_TRUE(mission) << ToString(mission.error());
+  ASSERT_FALSE(mission->statuses.empty());
+  const status_t& last = mission->statuses.back();
+  EXPECT_GT(last.messages_malformed, 10'000);
+  std::set<std::pair<std::string, std::vector<std::uint8_t>>> heard;
+  for (const LogEvent& event : EventsOf(Out() / "events.lcm"))
+    heard.emplace(event.channel, event.data);
+  // The flight ends with the last image, whatever is on its way by then.
+  while (!sent.empty() && !heard.contains(sent.back())) sent.pop_back();
+  EXPECT_GT(sent.size(), 100u);
+  for (const auto& message : sent)
+    EXPECT_TRUE(heard.contains(message) || last.messages_overrun > 0) << message.first;
+  int num_compared = 0;
+  for (const pose_t& pose : mission->poses) {
+    for (const pose_t& truth : desk->poses) {
+      if (truth.utime != pose.utime || truth.frame_id != pose.frame_id ||
+          truth.state != pose_t::STATE_TRACKING || pose.state != pose_t::STATE_TRACKING)
+        continue;
+      ++num_compared;
+      for (int k = 0; k < 3; ++k) EXPECT_NEAR(pose.position_m[k], truth.position_m[k], 0.1);
+    }
+  }
+  EXPECT_GT(num_compared, 1);
+}
+
 // A pose of an image that was not kept: named, and nothing is compared with the wrong one.
 TEST_F(DaemonTest, AFlightWithoutItsImagesSaysSo) {
   ASSERT_EQ(RunProgram(Command("--rate 0 --out " + Out().string())).exit_code, 0);
