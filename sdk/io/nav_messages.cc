@@ -69,6 +69,13 @@ bool NavConverter::HasAttitude(Utime utime) const {
   return has_attitude_ && std::abs(utime - attitude_utime_) <= kMaxAttitudeAgeUs;
 }
 
+void NavConverter::HearAttitude(const NavSample& sample, const Vec3& rate_radps) {
+  ned_from_body_ = sample.ned_from_body;
+  rotation_rate_radps_ = IsMeasurable(rate_radps) ? rate_radps : Vec3::Zero();
+  attitude_utime_ = sample.utime;
+  has_attitude_ = true;
+}
+
 bool NavConverter::Reject(NavReject reason) {
   ++rejected_[static_cast<std::size_t>(reason)];
   return false;
@@ -142,10 +149,7 @@ bool NavConverter::Convert(const nav_t& m, NavSample* sample) {
   if (has(nav_t::VALID_ATTITUDE) &&
       Take(m.ned_from_body_q, m.attitude_cov_rad2, &s.ned_from_body, &s.sigma_attitude_rad)) {
     s.Set(NavField::kAttitude);
-    ned_from_body_ = s.ned_from_body;
-    rotation_rate_radps_.setZero();
-    attitude_utime_ = m.utime;
-    has_attitude_ = true;
+    HearAttitude(s, Vec3::Zero());
   }
   if (has(nav_t::VALID_VELOCITY) &&
       Take(ToVec3(m.velocity_body_mps), m.velocity_cov_m2ps2, &s.sigma_velocity_mps)) {
@@ -206,12 +210,8 @@ bool NavConverter::Convert(const ahrs_t& m, NavSample* sample) {
     return false;
   }
   s.Set(NavField::kAttitude);
-  const bool has_rate =
-      (m.valid & ahrs_t::VALID_ROTATION_RATE) != 0 && IsMeasurable(ToVec3(m.rotation_rate_radps));
-  rotation_rate_radps_ = has_rate ? ToVec3(m.rotation_rate_radps) : Vec3::Zero();
-  ned_from_body_ = s.ned_from_body;
-  attitude_utime_ = m.utime;
-  has_attitude_ = true;
+  const bool has_rate = (m.valid & ahrs_t::VALID_ROTATION_RATE) != 0;
+  HearAttitude(s, has_rate ? ToVec3(m.rotation_rate_radps) : Vec3::Zero());
   *sample = s;
   return true;
 }
@@ -306,6 +306,9 @@ bool NavConverter::Convert(const bot_core::pose_t& m, Convention convention, Nav
   s.Set(NavField::kPosition);
   s.Set(NavField::kAttitude);
   s.Set(NavField::kVelocity);
+  const Vec3 rate = ToVec3(m.rotation_rate);
+  const bool is_local = convention == Convention::kLibbot;
+  HearAttitude(s, is_local ? s.ned_from_body.conjugate() * (ned_from_enu * rate) : rate);
   *sample = s;
   return true;
 }
@@ -329,11 +332,7 @@ bool NavConverter::Convert(const acfrlcm::auv_acfr_nav_t& m, NavSample* sample) 
     s.altitude_m = m.altitude;
     s.Set(NavField::kAltitude);
   }
-  const Vec3 rate(m.rollRate, m.pitchRate, m.headingRate);
-  ned_from_body_ = s.ned_from_body;
-  rotation_rate_radps_ = IsMeasurable(rate) ? rate : Vec3::Zero();
-  attitude_utime_ = m.utime;
-  has_attitude_ = true;
+  HearAttitude(s, Vec3(m.rollRate, m.pitchRate, m.headingRate));
   depth_m_ = m.depth;
   *sample = s;
   return true;

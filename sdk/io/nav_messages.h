@@ -54,6 +54,8 @@ class NavConverter {
 
  private:
   bool HasAttitude(Utime utime) const;
+  // For the lever arms of what comes next. A rate that is none is zero.
+  void HearAttitude(const NavSample& sample, const Vec3& rate_radps);
   bool Reject(NavReject reason);  // counts; false
   bool Take(const Vec3& value, const double (&covariance)[9], Vec3* sigma);
   bool Take(double value, double sigma);

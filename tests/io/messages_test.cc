@@ -6,6 +6,7 @@
 
 #include "rsfm/base/rng.h"
 #include "rsfm/io/nav_messages.h"
+#include "rsfm/io/tables.h"
 
 namespace rsfm {
 namespace {
@@ -349,6 +350,41 @@ TEST(NavMessagesTest, BotCorePoseInBothConventions) {
     EXPECT_LT((sample.position_ned_m - Vec3(4, 3, 5)).norm(), 1e-12);
     EXPECT_LT((sample.velocity_body_mps - Vec3(1, 0, 0)).norm(), 1e-12);
     EXPECT_LT(sample.ned_from_body.angularDistance(Quat(half, 0, 0, half)), 1e-7);
+  }
+}
+
+// Heading east, nose down by 30 degrees and turning right at 0.1 rad/s about its own down: what is
+// known of attitude and rate from a bot_core.pose_t removes the lever arms of other sensors.
+TEST(NavMessagesTest, BotCorePoseGivesTheAttitudeForLeverArms) {
+  Rig rig;
+  rig.sensors.depth_in_body_m = Vec3(2.0, 0.0, 0.0);
+  rig.sensors.dvl_in_body_m = Vec3(2.0, 0.0, 0.0);
+  const Quat ned_from_body = QuatFromRollPitchHeading(0.0, -M_PI / 6, M_PI / 2);
+  const Mat3 enu_from_ned{{0, 1, 0}, {1, 0, 0}, {0, 0, -1}};
+  const Vec3 rate_in_enu = enu_from_ned * (ned_from_body * Vec3(0, 0, 0.1));
+  for (const Convention convention : {Convention::kLibbot, Convention::kOpenHumanoids}) {
+    const bool is_libbot = convention == Convention::kLibbot;
+    const Mat3 frd_from_body =
+        is_libbot ? Mat3(Vec3(1, -1, -1).asDiagonal()) : Mat3(Mat3::Identity());
+    const Quat q(Mat3(enu_from_ned * ned_from_body.toRotationMatrix() * frd_from_body));
+    bot_core::pose_t pose = {};
+    const double wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
+    std::copy_n(wxyz, 4, pose.orientation);
+    const Vec3 rate = is_libbot ? rate_in_enu : Vec3(0, 0, 0.1);
+    std::copy_n(rate.data(), 3, pose.rotation_rate);
+    NavConverter converter(rig);
+    NavSample sample;
+    ASSERT_TRUE(converter.Convert(pose, convention, &sample));
+    depth_t depth = {};
+    depth.valid = 1;
+    depth.depth_m = 10.0;
+    ASSERT_TRUE(converter.Convert(depth, &sample));
+    EXPECT_NEAR(sample.depth_m, 9.0, 1e-12);  // the sensor is 2 m ahead: 1 m deeper
+    dvl_t dvl = {};
+    dvl.valid = dvl_t::VALID_VELOCITY;
+    dvl.velocity_body_mps[0] = 1.0;
+    ASSERT_TRUE(converter.Convert(dvl, &sample));
+    EXPECT_LT((sample.velocity_body_mps - Vec3(1.0, -0.2, 0.0)).norm(), 1e-12);
   }
 }
 
