@@ -71,6 +71,34 @@ constexpr std::array<ColumnInfo, kNumColumns> kColumns = {{
     {"salinity_psu", 0.0, 100.0, "give practical salinity units"},
 }};
 
+// colmap_underwater's names of the same columns. Its sigmas of a position are along north and east,
+// in metres.
+constexpr std::string_view kDateTime = "DateTime [%Y-%m-%d %H:%M:%S.%f]";
+struct Alias {
+  std::string_view theirs, ours;
+};
+constexpr std::array<Alias, 13> kAliases = {{
+    {"Latitude [deg]", "latitude_deg"},
+    {"Longitude [deg]", "longitude_deg"},
+    {"Altitude [m]", "altitude_m"},
+    {"Depth [m]", "depth_m"},
+    {"Yaw [rad]", "heading_rad"},
+    {"Pitch [rad]", "pitch_rad"},
+    {"Roll [rad]", "roll_rad"},
+    {"North SD [m]", "sigma_north_m"},
+    {"East SD [m]", "sigma_east_m"},
+    {"Depth SD [m]", "sigma_depth_m"},
+    {"Yaw SD [rad]", "sigma_heading_rad"},
+    {"Pitch SD [rad]", "sigma_pitch_rad"},
+    {"Roll SD [rad]", "sigma_roll_rad"},
+}};
+
+std::string_view OurName(std::string_view name) {
+  const auto alias = std::find_if(kAliases.begin(), kAliases.end(),
+                                  [&](const Alias& a) { return a.theirs == name; });
+  return alias == kAliases.end() ? name : alias->ours;
+}
+
 struct Row {
   std::array<double, kNumColumns> value{};
   std::array<double, kNumColumns> sigma{};  // 0: not stated
@@ -83,21 +111,25 @@ struct Row {
 
 class NavTableReader {
  public:
-  NavTableReader(const std::string& file, const std::vector<ImageTime>& images,
-                 const std::optional<Geodetic>& origin)
-      : file_(file) {
+  NavTableReader(const std::vector<ImageTime>& images, const std::optional<Geodetic>& origin) {
     for (const ImageTime& image : images) utime_of_image_[image.image] = image.utime;
     table_.origin = origin;
   }
 
-  IoStatus ReadHeader(const CsvTable& csv);
-  IoStatus ReadRow(const CsvRow& csv);
+  IoStatus Read(const std::filesystem::path& path);
+  // One row, of the image that was taken then: the file's own times are not asked.
+  IoStatus ReadOfImage(const std::filesystem::path& path, Utime utime);
   NavTable&& Take() { return std::move(table_); }
 
  private:
+  IoStatus ReadHeader(const CsvTable& csv);
+  IoStatus CheckTimeColumns(const CsvTable& csv) const;
+  IoStatus CheckSigmaColumns(const CsvTable& csv) const;
+  IoStatus CheckGroups(const CsvTable& csv) const;
+  IoStatus ReadRow(const CsvRow& csv);
   bool HasColumn(Column column) const { return field_of_column_[column] >= 0; }
   IoStatus RequireTogether(const std::vector<Column>& columns) const;
-  IoStatus ReadTime(const CsvRow& csv, Utime* utime);
+  IoStatus ReadTime(const CsvRow& csv, Utime* utime) const;
   IoStatus ReadValues(const CsvRow& csv, Row* row) const;
   IoStatus SetPosition(const CsvRow& csv, const Row& row, NavSample* sample);
   IoStatus SetAttitude(const CsvRow& csv, const Row& row, NavSample* sample) const;
@@ -112,7 +144,8 @@ class NavTableReader {
   std::map<std::string, Utime, std::less<>> utime_of_image_;
   NavTable table_;
   std::optional<LocalFrame> frame_;
-  int utime_field_ = -1, image_field_ = -1;
+  std::optional<Utime> utime_of_file_;  // else of its rows
+  int utime_field_ = -1, image_field_ = -1, date_time_field_ = -1;
   std::array<int, kNumColumns> field_of_column_{};  // -1: absent
   std::array<int, kNumColumns> field_of_sigma_{};
 };
@@ -130,12 +163,13 @@ IoStatus NavTableReader::RequireTogether(const std::vector<Column>& columns) con
 }
 
 IoStatus NavTableReader::ReadHeader(const CsvTable& csv) {
+  utime_field_ = image_field_ = date_time_field_ = -1;
   field_of_column_.fill(-1);
   field_of_sigma_.fill(-1);
   std::vector<std::string_view> known = {"utime", "image"};
   for (const ColumnInfo& column : kColumns) known.push_back(column.name);
   for (std::size_t i = 0; i < csv.columns.size(); ++i) {
-    std::string_view name = csv.columns[i];
+    const std::string_view name = OurName(csv.columns[i]);
     const bool is_sigma = name.starts_with("sigma_");
     const std::string_view base = is_sigma ? name.substr(6) : name;
     const auto info = std::find_if(kColumns.begin(), kColumns.end(),
@@ -148,6 +182,8 @@ IoStatus NavTableReader::ReadHeader(const CsvTable& csv) {
       field = &utime_field_;
     } else if (name == "image") {
       field = &image_field_;
+    } else if (name == kDateTime) {
+      field = &date_time_field_;
     } else {
       const std::string_view nearest = NearestWord(base, known);
       return Fail({Errc::kInvalidArgument, file_, "column " + Quoted(name), "is not known",
@@ -156,19 +192,45 @@ IoStatus NavTableReader::ReadHeader(const CsvTable& csv) {
                                          std::string(nearest) + "'?",
                    csv.header_line});
     }
+    if (*field >= 0) {
+      return Fail(
+          {Errc::kInvalidArgument, file_, "column " + Quoted(csv.columns[i]),
+           "is there twice, once as " + Quoted(csv.columns[static_cast<std::size_t>(*field)]),
+           "keep one of them", csv.header_line});
+    }
     *field = static_cast<int>(i);
   }
-  if ((utime_field_ < 0) == (image_field_ < 0)) {
-    return Fail({Errc::kInvalidArgument, file_, "column utime",
-                 utime_field_ < 0 ? "is missing" : "is there beside the column image",
-                 "give either utime (microseconds) or image", csv.header_line});
-  }
+  if (auto status = CheckTimeColumns(csv); !status) return status;
+  if (auto status = CheckSigmaColumns(csv); !status) return status;
+  return CheckGroups(csv);
+}
+
+IoStatus NavTableReader::CheckTimeColumns(const CsvTable& csv) const {
+  const int num_times = (utime_field_ >= 0) + (image_field_ >= 0) + (date_time_field_ >= 0);
+  if (utime_of_file_ || num_times == 1) return {};
+  const std::string other = image_field_ >= 0 ? "image" : std::string(kDateTime);
+  return Fail({Errc::kInvalidArgument, file_, "column utime",
+               num_times == 0     ? "is missing"
+               : utime_field_ < 0 ? "is not there, but both image and DateTime are"
+                                  : "is there beside the column " + other,
+               "give either utime (microseconds) or image", csv.header_line});
+}
+
+IoStatus NavTableReader::CheckSigmaColumns(const CsvTable& csv) const {
+  // Of a place by latitude and longitude the sigmas may be in metres.
+  const bool may_be_metric =
+      HasColumn(kLatitude) && field_of_sigma_[kLatitude] < 0 && field_of_sigma_[kLongitude] < 0;
   for (std::size_t column = 0; column < kNumColumns; ++column) {
     if (field_of_sigma_[column] < 0 || field_of_column_[column] >= 0) continue;
+    if (may_be_metric && (column == kNorth || column == kEast)) continue;
     return Fail(
         {Errc::kInvalidArgument, file_, "column sigma_" + std::string(kColumns[column].name),
          "is there without the column it belongs to", "add that, or remove this", csv.header_line});
   }
+  return {};
+}
+
+IoStatus NavTableReader::CheckGroups(const CsvTable& csv) const {
   if ((HasColumn(kNorth) && HasColumn(kLatitude)) || (HasColumn(kRoll) && HasColumn(kQw))) {
     const bool is_position = HasColumn(kNorth) && HasColumn(kLatitude);
     return Fail({Errc::kInvalidArgument, file_,
@@ -193,8 +255,20 @@ IoStatus NavTableReader::ReadHeader(const CsvTable& csv) {
   return {};
 }
 
-IoStatus NavTableReader::ReadTime(const CsvRow& csv, Utime* utime) {
-  if (utime_field_ >= 0) {
+IoStatus NavTableReader::ReadTime(const CsvRow& csv, Utime* utime) const {
+  std::string_view column = utime_field_ >= 0 ? "utime" : "image";
+  if (utime_of_file_) {
+    *utime = *utime_of_file_;
+  } else if (date_time_field_ >= 0) {
+    column = kDateTime;
+    const std::string_view text = csv.fields[static_cast<std::size_t>(date_time_field_)];
+    const auto value = ParseDateTime(text);
+    if (!value) {
+      return Problem(csv, column, Quoted(text) + " is no date with a time",
+                     "give it like 2019-05-17 08:03:21.250, UTC");
+    }
+    *utime = *value;
+  } else if (utime_field_ >= 0) {
     const std::string_view text = csv.fields[static_cast<std::size_t>(utime_field_)];
     const auto value = ParseInteger(text);
     if (!value || !IsTime(*value)) {
@@ -212,7 +286,7 @@ IoStatus NavTableReader::ReadTime(const CsvRow& csv, Utime* utime) {
     *utime = found->second;
   }
   if (!table_.samples.empty() && *utime < table_.samples.back().utime) {
-    return Problem(csv, utime_field_ >= 0 ? "utime" : "image",
+    return Problem(csv, column,
                    "time runs backwards: " + std::to_string(*utime) + " after " +
                        std::to_string(table_.samples.back().utime),
                    "sort the table by time", Errc::kOutOfOrder);
@@ -290,6 +364,8 @@ IoStatus NavTableReader::SetPosition(const CsvRow& csv, const Row& row, NavSampl
   sample->sigma_position_m = {row.sigma[kLatitude] * metres_per_degree(kStepDeg, 0.0),
                               row.sigma[kLongitude] * metres_per_degree(0.0, kStepDeg),
                               row.sigma[has_height ? kHeight : kDepth]};
+  if (field_of_sigma_[kNorth] >= 0) sample->sigma_position_m.x() = row.sigma[kNorth];
+  if (field_of_sigma_[kEast] >= 0) sample->sigma_position_m.y() = row.sigma[kEast];
   sample->Set(NavField::kPosition);
   return {};
 }
@@ -351,6 +427,48 @@ IoStatus NavTableReader::ReadRow(const CsvRow& csv) {
   return {};
 }
 
+IoStatus NavTableReader::Read(const std::filesystem::path& path) {
+  file_ = path.string();
+  const auto csv = ReadCsv(path);
+  if (!csv) return Fail(csv.error());
+  if (auto status = ReadHeader(*csv); !status) return status;
+  for (const CsvRow& row : csv->rows) {
+    if (auto status = ReadRow(row); !status) return status;
+  }
+  return {};
+}
+
+IoStatus NavTableReader::ReadOfImage(const std::filesystem::path& path, Utime utime) {
+  file_ = path.string();
+  utime_of_file_ = utime;
+  const auto csv = ReadCsv(path);
+  if (!csv) return Fail(csv.error());
+  if (csv->rows.size() != 1) {
+    return Fail({Errc::kInvalidArgument, file_, "",
+                 "has " + std::to_string(csv->rows.size()) + " rows, and stands for one image",
+                 "give one row, or one table for all images"});
+  }
+  if (auto status = ReadHeader(*csv); !status) return status;
+  return ReadRow(csv->rows.front());
+}
+
+// A file for each image, named as the image is.
+IoStatus ReadNavFolder(const std::filesystem::path& folder, const std::vector<ImageTime>& images,
+                       NavTableReader* reader) {
+  std::size_t num_files = 0;
+  for (const ImageTime& image : images) {
+    const std::filesystem::path path = (folder / image.image).replace_extension(".csv");
+    std::error_code error;
+    if (!std::filesystem::exists(path, error)) continue;
+    ++num_files;
+    if (auto status = reader->ReadOfImage(path, image.utime); !status) return status;
+  }
+  if (num_files > 0) return {};
+  return Fail({Errc::kInvalidArgument, folder.string(), "",
+               "has no navigation of any of the " + std::to_string(images.size()) + " images",
+               "give a table, or a folder with a file NAME.csv for each image NAME.jpg"});
+}
+
 }  // namespace
 
 Quat QuatFromRollPitchHeading(double roll_rad, double pitch_rad, double heading_rad) {
@@ -368,13 +486,12 @@ Vec3 RollPitchHeading(const Quat& ned_from_body) {
 IoExpected<NavTable> ReadNavTable(const std::filesystem::path& path,
                                   const std::vector<ImageTime>& images,
                                   const std::optional<Geodetic>& origin) {
-  const auto csv = ReadCsv(path);
-  if (!csv) return Fail(csv.error());
-  NavTableReader reader(path.string(), images, origin);
-  if (auto status = reader.ReadHeader(*csv); !status) return Fail(status.error());
-  for (const CsvRow& row : csv->rows) {
-    if (auto status = reader.ReadRow(row); !status) return Fail(status.error());
-  }
+  NavTableReader reader(images, origin);
+  std::error_code error;
+  const IoStatus status = std::filesystem::is_directory(path, error)
+                              ? ReadNavFolder(path, images, &reader)
+                              : reader.Read(path);
+  if (!status) return Fail(status.error());
   return reader.Take();
 }
 

@@ -35,6 +35,11 @@ struct NavTable {
 // optional sigma_<column>. An empty field is "not measured"; a group counts only where all its
 // fields are there. Unknown columns, times that run backwards, NaN and infinities are errors that
 // name line and column. `images` gives the times where the table has `image` instead of utime.
+// Beside latitudes sigma_north_m and sigma_east_m may stand for sigma_latitude_deg and
+// sigma_longitude_deg.
+// Also colmap_underwater's navigation: its names of the columns ("Latitude [deg]", "Yaw SD [rad]";
+// "DateTime [...]", in UTC, for utime), and a folder with a file of one row for each image, named
+// as that is. Its world begins at the first image's place; here that is at its depth.
 IoExpected<NavTable> ReadNavTable(const std::filesystem::path& path,
                                   const std::vector<ImageTime>& images = {},
                                   const std::optional<Geodetic>& origin = std::nullopt);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <chrono>
 #include <numeric>
 
 namespace rsfm {
@@ -58,6 +59,37 @@ std::optional<std::int64_t> ParseInteger(std::string_view text) {
   const auto result = std::from_chars(text.data(), text.data() + text.size(), value);
   if (result.ec != std::errc() || result.ptr != text.data() + text.size()) return std::nullopt;
   return value;
+}
+
+std::optional<std::int64_t> ParseDateTime(std::string_view text) {
+  constexpr std::string_view kForm = "dddd-dd-dd dd:dd:dd";
+  if (text.size() < kForm.size()) return std::nullopt;
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  for (std::size_t i = 0; i < kForm.size(); ++i)
+    if (kForm[i] == 'd' ? !is_digit(text[i]) : text[i] != kForm[i]) return std::nullopt;
+  const auto number = [&](std::size_t begin, std::size_t size) {
+    int value = 0;
+    for (const char c : text.substr(begin, size)) value = 10 * value + (c - '0');
+    return value;
+  };
+  const std::chrono::year_month_day day{std::chrono::year(number(0, 4)),
+                                        std::chrono::month(static_cast<unsigned>(number(5, 2))),
+                                        std::chrono::day(static_cast<unsigned>(number(8, 2)))};
+  const int hour = number(11, 2), minute = number(14, 2), second = number(17, 2);
+  if (!day.ok() || hour > 23 || minute > 59 || second > 59) return std::nullopt;
+  std::string_view fraction = text.substr(kForm.size());
+  std::int64_t microseconds = 0;
+  if (!fraction.empty()) {
+    if (fraction.size() < 2 || fraction.size() > 7 || fraction[0] != '.') return std::nullopt;
+    fraction.remove_prefix(1);
+    for (std::size_t i = 0; i < 6; ++i) {
+      const char c = i < fraction.size() ? fraction[i] : '0';
+      if (!is_digit(c)) return std::nullopt;
+      microseconds = 10 * microseconds + (c - '0');
+    }
+  }
+  const std::int64_t days = std::chrono::sys_days(day).time_since_epoch().count();
+  return (((days * 24 + hour) * 60 + minute) * 60 + second) * 1'000'000 + microseconds;
 }
 
 std::string_view Trim(std::string_view text) {

@@ -17,6 +17,9 @@ std::string FormatList(const double* values, std::size_t size);
 // The whole of `text` as a number; NaN and infinities are numbers here. No locale.
 std::optional<double> ParseNumber(std::string_view text);
 std::optional<std::int64_t> ParseInteger(std::string_view text);
+// "2019-05-17 08:03:21.250" in UTC, with none to six digits of the second's fraction, as
+// microseconds since the epoch.
+std::optional<std::int64_t> ParseDateTime(std::string_view text);
 
 std::string_view Trim(std::string_view text);
 // Fields between separators, trimmed; empty ones are kept.
