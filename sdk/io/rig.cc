@@ -1,6 +1,7 @@
 #include "rsfm/io/rig.h"
 
 #include <cmath>
+#include <set>
 #include <type_traits>
 
 #include "rsfm/io/atomic_output.h"
@@ -116,6 +117,22 @@ void ReadInput(const YAML::Node& node, std::size_t index, const std::string& fil
   inputs->push_back(input);
 }
 
+// A channel has one meaning: two inputs on it would read each message in two ways, and what is
+// published on it would be heard.
+void CheckChannelsDiffer(YamlMap* map, const BusOptions& bus) {
+  std::set<std::string_view> channels;
+  for (const BusInput& input : bus.inputs) {
+    if (input.channel.empty() || channels.insert(input.channel).second) continue;
+    map->AddProblem("inputs", Quoted(input.channel) + " is there twice",
+                    "give each channel once, with the one type and convention that it has");
+  }
+  ForEachOutputChannel(bus, [&](const char* key, const std::string& channel) {
+    if (channels.insert(channel).second) return;
+    map->AddProblem(key, Quoted(channel) + " is the name of another channel, too",
+                    "give each channel a name of its own");
+  });
+}
+
 void ReadBus(const YAML::Node& node, const std::string& file, std::vector<Diagnostic>* problems,
              BusOptions* bus) {
   YamlMap map(node, "bus", file, problems);
@@ -129,6 +146,7 @@ void ReadBus(const YAML::Node& node, const std::string& file, std::vector<Diagno
   ForEachOutputChannel(*bus, [&](const char* key, std::string& channel) {
     if (map.GetText(key, Need::kOptional, &channel)) CheckChannel(&map, key, channel);
   });
+  CheckChannelsDiffer(&map, *bus);
   map.Finish();
 }
 

@@ -228,6 +228,24 @@ TEST(RigTest, ForeignTypesMustNameTheirConvention) {
   EXPECT_EQ(acfr("libbot").error().fix, "give acfr");
 }
 
+TEST(RigTest, AChannelHasOneMeaning) {
+  const auto problem = [](const std::string& bus) {
+    const auto rig = ParseRig(std::string(kFlat) + "bus:\n" + bus, "rig.yaml");
+    return rig ? Diagnostic() : rig.error();
+  };
+  const Diagnostic twice = problem(
+      "  inputs:\n"
+      "    - {channel: POSE, type: bot_core.pose_t, convention: libbot}\n"
+      "    - {channel: POSE, type: bot_core.pose_t, convention: openhumanoids}\n");
+  EXPECT_EQ(twice.field, "bus.inputs");
+  EXPECT_THAT(twice.problem, HasSubstr("'POSE' is there twice"));
+  const Diagnostic heard = problem("  pose_channel: RSFM_NAV\n");  // an input by default
+  EXPECT_EQ(heard.field, "bus.pose_channel");
+  EXPECT_EQ(heard.line, 15);
+  EXPECT_EQ(problem("  pose_channel: RSFM_STATUS\n").field, "bus.status_channel");
+  EXPECT_EQ(problem("  pose_channel: VISION\n").field, "");
+}
+
 TEST(RigTest, CaptureAndOnboardAreReadAndWritten) {
   const std::string text = std::string(kFlat) + R"(capture:
   device: /dev/rsfm-camera
