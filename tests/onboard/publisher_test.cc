@@ -93,6 +93,32 @@ double PartOff(const Model& model, const AnyCamera& camera) {
 
 // Out and back beside its own way with a heading that drifts: the mission has the way as the loops
 // have left it, of keyframes that left the map before them, too, and landmarks that fit to it.
+// A rig that hears foreign types only, and navigation from a table: what the mission's rig says of
+// its log reads it back.
+TEST(MissionPublisherTest, NavigationOfATableHasAChannel) {
+  Rig rig;
+  rig.bus.inputs = {{"RSFM_NAV", InputType::kBotCorePose, Convention::kLibbot}};
+  AddNavInput(&rig.bus);
+  ASSERT_EQ(rig.bus.inputs.size(), 2u);
+  EXPECT_EQ(rig.bus.inputs[1].type, InputType::kNav);
+  AddNavInput(&rig.bus);
+  EXPECT_EQ(rig.bus.inputs.size(), 2u);
+
+  struct Sink final : MessageSink {
+    IoStatus Take(Audience, const std::string& channel, Utime,
+                  std::span<const std::uint8_t>) override {
+      channels.push_back(channel);
+      return {};
+    }
+    std::vector<std::string> channels;
+  } sink;
+  MissionPublisher publisher(rig, &sink);
+  NavSample sample;
+  sample.Set(NavField::kDepth);
+  ASSERT_TRUE(publisher.PublishNav(sample));
+  EXPECT_EQ(sink.channels, std::vector<std::string>{"RSFM_NAV_"});
+}
+
 TEST(MissionPublisherTest, WhatLoopsMoveReachesTheMission) {
   SimulatedMissionOptions options = PassesSideBySide(2);
   options.max_features = 130;

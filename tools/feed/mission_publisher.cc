@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "rsfm/io/rig_names.h"
+
 namespace rsfm {
 namespace {
 
@@ -69,6 +71,20 @@ IoStatus MissionPublisher::Publish(const std::string& channel, Utime utime, cons
                  "the message's arrays do not have the length it states", ""});
   }
   return sink_->Take(audience, channel, utime, encoded_);
+}
+
+void AddNavInput(BusOptions* bus) {
+  for (const BusInput& input : bus->inputs)
+    if (input.type == InputType::kNav) return;
+  const auto is_taken = [&](const std::string& channel) {
+    bool result = std::any_of(bus->inputs.begin(), bus->inputs.end(),
+                              [&](const BusInput& input) { return input.channel == channel; });
+    ForEachOutputChannel(*bus, [&](const char*, const std::string& c) { result |= c == channel; });
+    return result;
+  };
+  std::string channel = "RSFM_NAV";
+  while (is_taken(channel)) channel += "_";
+  bus->inputs.push_back({channel, InputType::kNav, Convention::kRsfm});
 }
 
 IoStatus MissionPublisher::PublishNav(const NavSample& sample) {

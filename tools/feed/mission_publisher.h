@@ -37,6 +37,9 @@ class DirectSink final : public MessageSink {
 // The status's counters of refused navigation, in the order of NavReject.
 std::array<std::int64_t*, kNumNavRejects> NavReasons(status_t* status);
 
+// Navigation of a table is logged as nav_t: an input of that type, where the rig has none.
+void AddNavInput(BusOptions* bus);
+
 struct PublisherOptions {
   // A status each second of the images' time. The daemon makes its own, by the clock.
   bool publish_status = true;

@@ -76,6 +76,7 @@ IoStatus Feed::OpenNav() {
   auto table = ReadNavTable(*path, list_.images, rig_.world.origin);
   if (!table) return Fail(table.error());
   nav_ = std::move(table->samples);
+  AddNavInput(&rig_.bus);
   if (!rig_.world.origin) rig_.world.origin = table->origin;
   return {};
 }

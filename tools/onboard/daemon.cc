@@ -87,6 +87,7 @@ IoStatus Daemon::OpenSource() {
     auto table = ReadNavTable(*path, list->images, rig.world.origin);
     if (!table) return Fail(table.error());
     nav = std::move(table->samples);
+    AddNavInput(&rig.bus);
     if (!rig.world.origin) rig.world.origin = table->origin;
     worker_.nav_comes_from_file = true;
   }
