@@ -29,8 +29,8 @@ struct RdiPing {
   double salinity_psu = 0.0;
 };
 // The frame is what the ping's own bits say:
-//   instrument  body_from_instrument turns it (x from beam 1 to 2, y from beam 4 to 3, z upwards
-//               through the instrument)
+//   instrument  body_from_instrument turns it (x from beam 1 to 2, y from beam 4 to 3, z from the
+//               water into the instrument)
 //   ship        starboard, forward, up; with tilts taken out these are level, and the attitude at
 //               the ping's time turns them back
 //   earth       east, north, up: needs the attitude, too
