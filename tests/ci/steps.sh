@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # steps.sh SOURCE WORK: runs copies of .ci/run and tools/test with stand-ins for every program that they call. Of each preset a file in
-# $WORK/does says what its tests do: fail, crash, hang (the time is up while they run), fail_hang (one has failed before); without one
-# they pass.
+# $WORK/does says what its tests do: fail, crash, hang (the time is up while they run), fail_hang (one has failed before), run_on (for
+# ever); without one they pass.
 set -euo pipefail
 source=$1 work=$2
 rm -rf "$work"
@@ -28,6 +28,7 @@ stand_in bin/ctest 'time_is_up() {  # timeout takes this signal for its own alar
   exec sleep 100000
 }
 case $(cat "$DOES/$2" 2>/dev/null) in
+  run_on) echo $$ >"$DOES/pid"; exec sleep 100000 ;;
   fail) echo "1/2 Test #1: A ....***Failed 0.01 sec"; exit 8 ;;
   crash) echo "1/2 Test #1: A ....***Exception: SegFault 0.01 sec"; exit 8 ;;
   hang) time_is_up ;;
@@ -100,3 +101,15 @@ says "error: the tests did not end in 64 minutes"
 tools/test --full --minutes 1 --only 'gcc11 thread' >out
 says "left out: thread sanitizer (no time left)"
 says_not "== thread sanitizer"
+
+# Who ends it ends what it runs.
+rm -f does/*
+echo run_on >does/aarch64
+.ci/run >out 2>&1 &
+ci=$!
+until [[ -s does/pid ]]; do sleep 0.01; done
+kill -TERM $ci
+status=0
+wait $ci || status=$?
+((status != 0)) || { echo "FAILED: it was ended, and says that all is well" >&2; exit 1; }
+while kill -0 "$(<does/pid)" 2>/dev/null; do sleep 0.01; done
