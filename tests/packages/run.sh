@@ -41,7 +41,7 @@ onboard=$work/root/usr/bin/rsfm_onboard
 [[ ! -e $work/root/usr/bin/rsfm_tool ]] || "$@" "$work/root/usr/bin/rsfm_tool" --help >/dev/null || fail "rsfm_tool --help"
 unit=$work/root/usr/lib/systemd/system/rsfm-onboard.service
 grep -q '^ExecStart=/usr/bin/rsfm_onboard /etc/rsfm/rig.yaml$' "$unit" || fail "the unit does not start /usr/bin/rsfm_onboard"
-for file in usr/lib/udev/rules.d/60-rsfm-camera.rules usr/share/doc/rsfm-onboard/onboard.md usr/include/rsfm/mapping/incremental_mapper.h \
+for file in usr/lib/udev/rules.d/60-rsfm-camera.rules usr/share/doc/rsfm-onboard/{onboard,rig,messages}.md usr/include/rsfm/mapping/incremental_mapper.h \
   usr/share/rsfm/messages/pose_t.lcm; do
   [[ -e $work/root/$file ]] || fail "$file is not installed"
 done
