@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "rsfm/mapping/loop_correction.h"
 
@@ -66,6 +67,7 @@ MemoryPlan IncrementalMapper::memory_plan() const {
 
 Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noexcept {
   if (const Status status = Check(frame); !status) return tl::unexpected(status.error());
+  TakeAdjustment();
   BeginReport(frame.utime);
   if (const auto camera = FollowWater(options_, nav_.buffer(), frame.utime, camera_, &water_))
     SetCamera(*camera);
@@ -81,7 +83,25 @@ Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noe
     const KnownPose pose{last_utime_, report_.camera_from_world, report_.covariance};
     report_.reset_counter += jumps_.Publish(pose, nav, nav_errors());
   }
-  return report_;
+  const StepReport report = report_;
+  ForgetEvents();
+  return report;
+}
+
+// What happens from here on belongs to the next report.
+void IncrementalMapper::ForgetEvents() noexcept {
+  report_.keyframe = report_.left_window = {};
+  report_.placed_late.clear();
+  report_.recognised_keyframe = -1;
+  report_.num_observed = report_.num_merged = report_.num_triangulated = report_.num_culled = 0;
+  report_.window_error_px = 0.0;
+}
+
+StepReport IncrementalMapper::Finish() noexcept {
+  TakeAdjustment();
+  const StepReport report = report_;
+  ForgetEvents();
+  return report;
 }
 
 void IncrementalMapper::Continue(const FrameObservations& frame, SlotId keyframe) noexcept {
@@ -92,8 +112,7 @@ void IncrementalMapper::Continue(const FrameObservations& frame, SlotId keyframe
     Accept(*placement, keyframe);
     if (keyframe.valid()) {
       Extend(keyframe);
-      AdjustWindow(keyframe);
-      PlaceWaiting(keyframe);
+      BeginAdjustment(keyframe);
     }
   } else {
     CoastOn(frame.utime);
@@ -117,14 +136,10 @@ Status IncrementalMapper::Check(const FrameObservations& frame) const noexcept {
 }
 
 void IncrementalMapper::BeginReport(Utime utime) noexcept {
-  StepReport next;
-  next.state = report_.state;
-  next.reset_counter = report_.reset_counter;
-  next.world = report_.world;
-  next.scale_is_metric = report_.scale_is_metric;
-  next.world_is_ned = report_.world_is_ned;
-  report_ = next;
-  jumps_.Forget();
+  report_.has_pose = false;
+  report_.camera_from_world = {};
+  report_.covariance.setZero();
+  report_.num_inliers = 0;
   last_utime_ = utime;
   ++frame_count_;
 }
@@ -201,17 +216,26 @@ void IncrementalMapper::Extend(SlotId keyframe) noexcept {
   report_.num_triangulated += grown.num_triangulated;
 }
 
-void IncrementalMapper::AdjustWindow(SlotId keyframe) noexcept {
+void IncrementalMapper::BeginAdjustment(SlotId keyframe) noexcept {
   FindWorld(keyframe);
-  NavAid* nav = report_.world_is_ned ? &nav_ : nullptr;
-  const auto adjusted = adjuster_.Adjust(&map_, nav);
-  if (!adjusted) return;
-  report_.window_error_px = adjusted->mean_error_px;
-  report_.num_culled += grower_.Cull(&map_, adjuster_.window());
-  TakeNewest(keyframe);
-  if (!adjuster_.has_left()) return;
-  report_.left_window = adjuster_.window().front();
-  CloseLoop(report_.left_window);
+  static_cast<void>(adjuster_.Prepare(map_, report_.world_is_ned ? &nav_ : nullptr));
+  to_be_adjusted_ = keyframe;
+}
+
+// The frame's pose is the last there was: what comes is placed, and predicted, from the new one.
+void IncrementalMapper::TakeAdjustment() noexcept {
+  const SlotId keyframe = std::exchange(to_be_adjusted_, {});
+  if (!keyframe.valid()) return;
+  if (const auto adjusted = adjuster_.Finish(&map_, report_.world_is_ned ? &nav_ : nullptr)) {
+    report_.window_error_px = adjusted->mean_error_px;
+    report_.num_culled += grower_.Cull(&map_, adjuster_.window());
+    TakeNewest(keyframe);
+    if (adjuster_.has_left()) {
+      report_.left_window = adjuster_.window().front();
+      CloseLoop(report_.left_window);
+    }
+  }
+  PlaceWaiting(keyframe);
 }
 
 // The keyframe that has left the window is the next of the way. A loop that it closes is a jump

@@ -3,14 +3,17 @@
 //   auto mapper = IncrementalMapper::Create(options, camera, body_from_camera);  // allocates
 //   (*mapper)->nav().buffer().Insert(sample);  // as navigation comes
 //   auto report = (*mapper)->Step(frame);      // as the front end hands out frames
+//   (*mapper)->AdjustWindow();                 // once the pose is out; on any thread
 //
 // A frame is placed by the landmarks it shows (frame_placer.h); if it carries descriptors it
 // becomes a keyframe, adds to the map (map_grower.h), and a window of keyframes is adjusted
-// (window_adjuster.h). What has left the window is a place that may be seen again (loop_closer.h):
-// then the way between is corrected, and with it the map; a frame that is lost is looked for there.
-// The first map comes from two views (initialiser.h), with scale from navigation where it spans
-// them. A frame that shows too little is looked for among older keyframes; keyframes that could not
-// be placed wait, and are tried again as the map grows.
+// (window_adjuster.h): after its pose is handed out, and before the next frame is placed. Whoever
+// adjusts, and when in between, the result is the same to the bit. What has left the window is a
+// place that may be seen again (loop_closer.h): then the way between is corrected, and with it the
+// map; a frame that is lost is looked for there. The first map comes from two views
+// (initialiser.h), with scale from navigation where it spans them. A frame that shows too little is
+// looked for among older keyframes; keyframes that could not be placed wait, and are tried again as
+// the map grows.
 #pragma once
 
 #include <limits>
@@ -58,7 +61,7 @@ struct StepReport {
   bool scale_is_metric = false;
   bool world_is_ned = false;  // else the first keyframe's camera
   int num_observed = 0, num_merged = 0, num_triangulated = 0, num_culled = 0;
-  double window_error_px = 0.0;  // mean, after adjustment
+  double window_error_px = 0.0;  // mean, after the adjustment that the keyframe before began
 };
 
 // Bytes by component, all taken by Create.
@@ -78,11 +81,22 @@ class IncrementalMapper {
                                                              const AnyCamera& camera,
                                                              const Rigid3& body_from_camera);
 
-  // Takes one frame. Never allocates, throws or logs; on error the map is as it was.
+  // Takes one frame: first what the frame before has left to be adjusted, then its own pose, which
+  // is that of the map before its own adjustment. Never allocates, throws or logs; on error the map
+  // is as it was.
   //   kOutOfOrder       not newer than the frame before
   //   kInvalidArgument  "descriptors": not of the options' type, or not one per feature;
   //                     "features": one is not finite
   Expected<StepReport> Step(const FrameObservations& frame) noexcept;
+
+  // The longest part of what a keyframe costs, where the last Step left one; the next Step, or
+  // Finish, does it where nobody did. It may run on another thread while this one reads the mapper
+  // and inserts navigation, and must have ended before Step, Finish or SetClockBack.
+  void AdjustWindow() noexcept { adjuster_.Solve(); }
+  bool needs_adjustment() const { return adjuster_.needs_solution(); }
+  // After the last frame: takes its adjustment over. The report is that frame's, with its pose
+  // after adjustment, and what the adjustment did.
+  StepReport Finish() noexcept;
 
   // The clock was set back to about `utime`: the next frame may be older than the last. Frames and
   // map are forgotten, and navigation that reaches beyond it; the next world is announced by
@@ -115,6 +129,7 @@ class IncrementalMapper {
 
   Status Check(const FrameObservations& frame) const noexcept;
   void BeginReport(Utime utime) noexcept;
+  void ForgetEvents() noexcept;
   void SetCamera(const AnyCamera& camera) noexcept;
   SlotId StoreKeyframe(const FrameObservations& frame) noexcept;
   int FramesBeforeRestart() const noexcept;
@@ -132,7 +147,8 @@ class IncrementalMapper {
   void KeepPlaced() noexcept;
   void Extend(SlotId keyframe) noexcept;
   void PlaceWaiting(SlotId newest) noexcept;
-  void AdjustWindow(SlotId keyframe) noexcept;
+  void BeginAdjustment(SlotId keyframe) noexcept;
+  void TakeAdjustment() noexcept;
   void CloseLoop(SlotId left) noexcept;
   void FindWorld(SlotId keyframe) noexcept;
   void TakeNewest(SlotId keyframe) noexcept;
@@ -161,7 +177,8 @@ class IncrementalMapper {
   LoopCloser loops_;
   FixedVector<SlotId> candidates_;
 
-  StepReport report_;  // of the last frame
+  StepReport report_;      // of the last frame; after Step without what happened during it
+  SlotId to_be_adjusted_;  // the last frame's keyframe, until it is
   std::int32_t next_keyframe_id_ = 0;
   Utime last_utime_ = kNoFrame;
   bool has_world_ = false;

@@ -14,8 +14,7 @@ bool IncrementalMapper::Initialise(SlotId keyframe) noexcept {
   if (!pair) return false;
   PlacePair(*pair);
   Extend(keyframe);
-  AdjustWindow(keyframe);
-  PlaceWaiting(keyframe);
+  BeginAdjustment(keyframe);
   return true;
 }
 
@@ -99,6 +98,8 @@ void IncrementalMapper::SetClockBack(Utime utime) noexcept {
   map_.Clear();
   placer_.ClearLandmarks();
   adjuster_.Reset();
+  to_be_adjusted_ = {};
+  ForgetEvents();
   nav_.buffer().SetClockBack(utime);
   report_.state = has_seen_ ? MapperState::kInitialising : MapperState::kWaiting;
   report_.scale_is_metric = report_.world_is_ned = false;

@@ -9,11 +9,9 @@ namespace rsfm {
 class JumpWatch {
  public:
   // A new world: what was published before says nothing of the next pose.
-  void BeginWorld() noexcept { has_published_ = false; }
+  void BeginWorld() noexcept { has_published_ = is_expected_ = false; }
   // The next pose is one, whatever its covariance says: a loop was closed.
   void Expect() noexcept { is_expected_ = true; }
-  // Nothing is expected any more: of a frame that had no pose.
-  void Forget() noexcept { is_expected_ = false; }
 
   // The next pose to be published; `nav` is null where the world is not metric. True for a jump: of
   // place or of rotation by more than three sigmas, and more than anybody notices.

@@ -79,7 +79,7 @@ void WindowAdjuster::Reset(double sigma_scale) noexcept {
   first_id_ = 0;
   gauge_ = gauge_second_ = {};
   positions_from_ = 0;
-  has_left_ = has_left_before_ = false;
+  is_prepared_ = has_left_ = has_left_before_ = false;
   num_gated_in_row_ = 0;
 }
 
@@ -170,31 +170,50 @@ void WindowAdjuster::StartPrior(const Map& map, const NavAid* nav) noexcept {
   }
 }
 
-Expected<WindowBaReport> WindowAdjuster::Adjust(Map* map, NavAid* nav) noexcept {
-  has_left_ = false;
-  SelectWindow(*map);
+Status WindowAdjuster::Prepare(const Map& map, const NavAid* nav) noexcept {
+  has_left_ = is_prepared_ = false;
+  solution_.reset();
+  SelectWindow(map);
   if (window_.size() < 2) return Fail(Errc::kNotEnoughData, "window");
-  StartPrior(*map, nav);
-  MeasureMotion(*map, nav);
-  if (const Status status = AddKeyframes(*map); !status) return tl::unexpected(status.error());
-  AddLandmarks(*map, 3);
-  AddLandmarks(*map, 2);
+  StartPrior(map, nav);
+  MeasureMotion(map, nav);
+  if (const Status status = AddKeyframes(map); !status) return status;
+  AddLandmarks(map, 3);
+  AddLandmarks(map, 2);
   for (int k = 0; k < static_cast<int>(window_.size()); ++k) {
     AddGauge(k);
     if (nav == nullptr) continue;
-    AddNav(*map, *nav, k);
-    AddAltitude(*map, *nav, k);
+    AddNav(map, *nav, k);
+    AddAltitude(map, *nav, k);
   }
-  AddLinks(*map, nav);
+  AddLinks(map, nav);
+  is_prepared_ = true;
+  return {};
+}
+
+void WindowAdjuster::Solve() noexcept {
+  if (!is_prepared_ || solution_) return;
   WindowBaOptions options;
   options.loss = kImageLoss;
   options.max_iterations = options_.window_iterations;
   options.function_tolerance = 1e-5;
-  const auto report = ba_.Solve(std::span(&camera_, 1), options);
-  if (!report) return tl::unexpected(report.error());
+  solution_ = ba_.Solve(std::span(&camera_, 1), options);
+  if (!*solution_) return;
+  const auto keep = [](const Expected<Mat6>& covariance) {
+    return covariance ? std::optional(*covariance) : std::nullopt;
+  };
+  newest_covariance_ = keep(ba_.PoseCovariance(static_cast<int>(window_.size()) - 1));
+  solved_state_covariance_ = keep(ba_.NavStateCovariance());
+}
+
+Expected<WindowBaReport> WindowAdjuster::Finish(Map* map, NavAid* nav) noexcept {
+  if (!is_prepared_) return Fail(Errc::kNotEnoughData, "window");
+  Solve();
+  is_prepared_ = false;
+  if (!*solution_) return *solution_;
   WriteBack(map, nav != nullptr);
   if (window_.size() >= Count(options_.window_keyframes)) Leave(map, nav);
-  return *report;
+  return *solution_;
 }
 
 void WindowAdjuster::WriteBack(Map* map, bool has_nav) noexcept {
@@ -210,11 +229,11 @@ void WindowAdjuster::WriteBack(Map* map, bool has_nav) noexcept {
   }
   if (has_nav) {
     states_ = ba_.nav_states();
-    if (const auto covariance = ba_.NavStateCovariance()) state_covariance_ = *covariance;
+    if (solved_state_covariance_) state_covariance_ = *solved_state_covariance_;
   }
-  // Where old keyframes hold the window, it is as uncertain as they are and what comes on top, be it
-  // by a few points that were missed for a while: fixed poses say where the yaw is, and its bias.
-  // Level and plumb it stands by its own sensors.
+  // Where old keyframes hold the window, it is as uncertain as they are and what comes on top, be
+  // it by a few points that were missed for a while: fixed poses say where the yaw is, and its
+  // bias. Level and plumb it stands by its own sensors.
   if (num_anchored_ > 0 && map->Contains(anchor_)) {
     base_covariance_ = map->keyframe(anchor_).covariance;
     base_from_world_ = map->keyframe(anchor_).camera_from_world;
@@ -226,10 +245,9 @@ void WindowAdjuster::WriteBack(Map* map, bool has_nav) noexcept {
     }
   }
   Keyframe& newest = map->keyframe(window_.back());
-  const auto covariance = ba_.PoseCovariance(static_cast<int>(window_.size()) - 1);
-  if (!covariance) return;
+  if (!newest_covariance_) return;
   const Mat6 adjoint = AdjointSe3(newest.camera_from_world * base_from_world_.Inverse());
-  newest.covariance = *covariance + adjoint * base_covariance_ * adjoint.transpose();
+  newest.covariance = *newest_covariance_ + adjoint * base_covariance_ * adjoint.transpose();
   const Mat3 world_from_camera = newest.camera_from_world.rotation.toRotationMatrix().transpose();
   position_covariance_ = world_from_camera * newest.covariance.bottomRightCorner<3, 3>() *
                          world_from_camera.transpose();

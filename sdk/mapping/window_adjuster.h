@@ -36,10 +36,18 @@ class WindowAdjuster {
   void Move(const Rigid3& new_world_from_world) noexcept;
 
   // Adjusts the newest placed keyframes, at most window_keyframes; once there are as many, the
-  // oldest leaves. `nav` is null where the world is not NED. On error the map is as it was.
-  Expected<WindowBaReport> Adjust(Map* map, NavAid* nav) noexcept;
+  // oldest leaves. `nav` is null where the world is not NED. In three parts, of which the second is
+  // by far the longest and touches neither map nor navigation: it may run on another thread while
+  // others read the map and insert navigation. Finish solves what nobody has solved.
+  //   kNotEnoughData    "window": fewer than two keyframes
+  //   what WindowBa's functions return; on any error the map is as it was
+  Status Prepare(const Map& map, const NavAid* nav) noexcept;
+  void Solve() noexcept;
+  Expected<WindowBaReport> Finish(Map* map, NavAid* nav) noexcept;
 
-  // The keyframes that moved in the last Adjust, oldest first.
+  bool needs_solution() const { return is_prepared_ && !solution_; }
+
+  // The keyframes that moved in the last adjustment, oldest first.
   std::span<const SlotId> window() const { return window_.span(); }
   // Whether the next adjustment needs this keyframe: the prior speaks of it.
   bool Holds(SlotId keyframe) const noexcept;
@@ -95,6 +103,10 @@ class WindowAdjuster {
   FixedVector<SlotId> landmarks_;    // in the order in which ba_ has them
   FixedVector<int> index_of_;        // per keyframe slot: its index in ba_, -1 where not in it
   FixedVector<int> landmark_index_;  // per landmark slot, likewise
+  // Of what Prepare has put into ba_, until Finish: none before Solve.
+  bool is_prepared_ = false;
+  std::optional<Expected<WindowBaReport>> solution_;
+  std::optional<Mat6> newest_covariance_, solved_state_covariance_;
   NavStates states_ = NavStates::Zero();
   Mat6 state_covariance_ = Mat6::Zero();
   // Of what held the window when it came back to known ground, and where that was.

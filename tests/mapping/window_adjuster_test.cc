@@ -55,7 +55,9 @@ class Window {
     for (std::size_t i = 0; i < seen.features.size(); ++i)
       Observe(seen.features[i], static_cast<int>(i), truth);
     if (frame_ > 0) {
-      ASSERT_TRUE(adjuster_.Adjust(&map_, conditions_.has_nav ? &nav_ : nullptr).has_value());
+      NavAid* nav = conditions_.has_nav ? &nav_ : nullptr;
+      ASSERT_TRUE(adjuster_.Prepare(map_, nav).has_value());
+      ASSERT_TRUE(adjuster_.Finish(&map_, nav).has_value());
     }
     ++frame_;
   }

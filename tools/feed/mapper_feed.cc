@@ -65,6 +65,7 @@ Expected<FrameObservations> MapperFeed::Observe(const ImageView& image, Utime ut
   counters_.last_frame = gate_.Check(image, utime);
   ++counters_.verdicts[static_cast<int>(counters_.last_frame)];
   if (gate_.was_set_back()) {
+    AwaitAdjustment();
     mapper_->SetClockBack(utime);
     has_seen_ = false;
   }
@@ -104,7 +105,9 @@ Expected<StepReport> MapperFeed::Process(const ImageView& image, Utime utime) {
     return tl::unexpected(frame.error());
   }
   const auto step_start = std::chrono::steady_clock::now();
+  AwaitAdjustment();
   auto report = mapper_->Step(*frame);
+  if (adjustment_ != nullptr && mapper_->needs_adjustment()) adjustment_->Start();
   mapper_s_ += SecondsSince(step_start);
   if (!report) return report;
   counters_.frames_placed += report->state == MapperState::kTracking ? 1 : 0;
@@ -116,6 +119,19 @@ Expected<StepReport> MapperFeed::Process(const ImageView& image, Utime utime) {
     seen_from_world_ = report->camera_from_world;
   }
   return report;
+}
+
+void MapperFeed::AwaitAdjustment() noexcept {
+  if (adjustment_ != nullptr) adjustment_->Wait();
+}
+
+void MapperFeed::Finish() {
+  AwaitAdjustment();
+  last_ = mapper_->Finish();
+}
+
+void MapperFeed::AdjustOnThread(std::function<void()> set_up) {
+  adjustment_ = std::make_unique<AdjustmentThread>(mapper_.get(), std::move(set_up));
 }
 
 }  // namespace rsfm

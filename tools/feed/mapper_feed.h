@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -11,6 +12,7 @@
 #include "rsfm/mapping/front_end.h"
 #include "rsfm/mapping/incremental_mapper.h"
 #include "rsfm/mapping/track_predictor.h"
+#include "tools/feed/adjustment_thread.h"
 
 namespace rsfm {
 
@@ -40,6 +42,11 @@ class MapperFeed {
   // then as they were. An image that shows nothing (black, torn, …) goes to the mapper without
   // features, past the front end, whose tracks go on with the next.
   Expected<StepReport> Process(const ImageView& image, Utime utime);
+  // After the last image: what that has left to be adjusted. last() then says what it did.
+  void Finish();
+  // From here on the window is adjusted by another thread, named and set up by `set_up`; what comes
+  // out is the same. Else each image does what the one before has left.
+  void AdjustOnThread(std::function<void()> set_up);
 
   IncrementalMapper& mapper() { return *mapper_; }
   const IncrementalMapper& mapper() const { return *mapper_; }
@@ -61,6 +68,7 @@ class MapperFeed {
         mapper_(std::move(mapper)),
         predictor_(rig.mapper.rhythm == Rhythm::kVideo ? rig.mapper.max_features : 0) {}
   Expected<FrameObservations> Observe(const ImageView& image, Utime utime);
+  void AwaitAdjustment() noexcept;
   std::span<const Vec2> ExpectPoints(Utime utime) noexcept;
 
   AnyCamera camera_;
@@ -74,6 +82,7 @@ class MapperFeed {
   bool has_seen_ = false;   // the predictor has the features of an image that was placed
   Rigid3 seen_from_world_;  // that image's camera
   double front_end_s_ = 0.0, mapper_s_ = 0.0;
+  std::unique_ptr<AdjustmentThread> adjustment_;  // the last: it ends before the mapper does
 };
 
 // What the gate refused or found empty, by reason: "2 black, 1 torn"; empty where all were good.

@@ -24,6 +24,7 @@ class Feed {
   IoStatus OpenMapper();
   IoStatus FeedNav(Utime until);
   IoStatus MapOne(const ImageTime& image);
+  void CountPlaced(const StepReport& report);
   IoStatus Close(AtomicFolder* folder, MissionWriter* writer, MissionPublisher* publisher);
   MapResult Summary() const;
 
@@ -112,17 +113,23 @@ IoStatus Feed::MapOne(const ImageTime& image) {
   if (!report && feed_->counters().last_frame != FrameVerdict::kGood) return {};  // counted
   if (!report) return Fail(FromError(report.error(), (list_.folder / image.image).string(), ""));
   if (report->world != world && !report->scale_is_metric) placed_.clear();
-  const Map& map = feed_->mapper().map();
-  if (report->state == MapperState::kTracking && report->keyframe.valid())
-    placed_.insert(map.keyframe(report->keyframe).id);
-  for (const SlotId id : report->placed_late) placed_.insert(map.keyframe(id).id);
+  CountPlaced(*report);
   return publisher_->PublishStep(image.image, image.utime, *report, feed_->counters(),
                                  &feed_->mapper());
+}
+
+void Feed::CountPlaced(const StepReport& report) {
+  const Map& map = feed_->mapper().map();
+  if (report.state == MapperState::kTracking && report.keyframe.valid())
+    placed_.insert(map.keyframe(report.keyframe).id);
+  for (const SlotId id : report.placed_late) placed_.insert(map.keyframe(id).id);
 }
 
 // The world's frame is known now: the rig says it.
 IoStatus Feed::Close(AtomicFolder* folder, MissionWriter* writer, MissionPublisher* publisher) {
   const Utime end = list_.images.back().utime;
+  feed_->Finish();
+  CountPlaced(feed_->last());
   if (auto s = publisher->PublishEnd(end, feed_->last(), feed_->counters(), &feed_->mapper()); !s)
     return s;
   rig_.world.frame = feed_->last().world_is_ned ? WorldFrame::kNed : WorldFrame::kFirstCamera;

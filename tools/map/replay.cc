@@ -175,6 +175,8 @@ IoStatus Replay(const ImageList& list, const std::string& channel, MapperFeed* f
     if (hooks.progress)
       hooks.progress(result->num_images, static_cast<int>(list.images.size()), "the same");
   }
+  nav->FeedTo(feed);
+  feed->Finish();
   return publisher->PublishEnd(last_utime, feed->last(), feed->counters(), &feed->mapper());
 }
 

@@ -112,12 +112,12 @@ class MapperLoop {
         DrainNav(INT64_MAX);
       }
     }
-    const StepReport& last = feed_->last();
+    DrainNav(INT64_MAX);  // what comes later is of after the mission
+    feed_->Finish();
     sink_.SetTimes({});
     static_cast<void>(
-        publisher_.PublishEnd(last_utime_, last, feed_->counters(), &feed_->mapper()));
+        publisher_.PublishEnd(last_utime_, feed_->last(), feed_->counters(), &feed_->mapper()));
     Report(last_utime_);
-    for (NavArrival arrival; shared_->nav.Pop(0, &arrival);) Log(arrival);  // came after the end
   }
 
  private:
@@ -223,6 +223,11 @@ void RunCapture(const WorkerOptions& options, FrameSource* source, Shared* share
 void RunMapper(const WorkerOptions& options, MapperFeed* feed, Shared* shared) {
   const OnboardOptions& onboard = options.rig.onboard;
   shared->AddThreadProblem(SetUpThread("rsfm-mapper", onboard.mapper_priority, onboard.mapper_cpu));
+  // Below the mapper, where that has real-time priority: the next pose goes first.
+  feed->AdjustOnThread([&onboard, shared] {
+    shared->AddThreadProblem(
+        SetUpThread("rsfm-adjust", std::max(0, onboard.mapper_priority - 1), -1));
+  });
   MapperLoop(options, feed, shared).Run();
   shared->Rest(Worker::kMapper);
 }
