@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "rsfm/base/error.h"
@@ -20,6 +21,9 @@ namespace rsfm {
 struct FrameHints {
   // Descriptors, though the image would be no keyframe.
   bool want_descriptors = false;
+  // Video: a keyframe may come back without them, as any other image; Describe then makes it one.
+  // So its pose need not wait for what is sought and described.
+  bool may_describe_later = false;
   // Video: where each feature of the image before is expected in this one, in that image's order;
   // not finite where nothing is known. Empty: expect the motion of the image before.
   std::span<const Vec2> expected_px = {};
@@ -47,6 +51,11 @@ class FrontEnd {
   // max_features.
   virtual Expected<FrameObservations> Process(const ImageView& image, Utime utime,
                                               const FrameHints& hints) = 0;
+
+  // The image of the last Process again, which is still there, as the keyframe it is: with
+  // descriptors, and new points after those of before. None where that was no keyframe, or had its
+  // descriptors. Errors as of Process.
+  virtual Expected<std::optional<FrameObservations>> Describe() { return std::nullopt; }
 
   virtual FrontEndCounters counters() const { return {}; }
 

@@ -49,7 +49,6 @@ IncrementalMapper::IncrementalMapper(const MapperOptions& options, const AnyCame
       loops_(options, camera),
       candidates_(Count(options.max_keyframes)) {
   water_.index = camera.config().port.index_water;
-  placed_.utime = placed_before_.utime = kNoFrame;
 }
 
 MemoryPlan IncrementalMapper::memory_plan() const {
@@ -69,6 +68,7 @@ Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noe
   if (const Status status = Check(frame); !status) return tl::unexpected(status.error());
   TakeAdjustment();
   BeginReport(frame.utime);
+  way_before_ = way_;
   if (const auto camera = FollowWater(options_, nav_.buffer(), frame.utime, camera_, &water_))
     SetCamera(*camera);
   has_seen_ |= !frame.features.empty();
@@ -83,12 +83,41 @@ Expected<StepReport> IncrementalMapper::Step(const FrameObservations& frame) noe
     const KnownPose pose{last_utime_, report_.camera_from_world, report_.covariance};
     report_.reset_counter += jumps_.Publish(pose, nav, nav_errors());
   }
+  return HandOutReport();
+}
+
+Expected<StepReport> IncrementalMapper::AddKeyframe(const FrameObservations& frame) noexcept {
+  const std::span<const SlotId> keyframes = map_.keyframes();
+  const bool is_keyframe =
+      !keyframes.empty() && map_.keyframe(keyframes.back()).utime == frame.utime;
+  if (frame.utime != last_utime_ || report_.state != MapperState::kTracking || is_keyframe)
+    return Fail(Errc::kOutOfOrder, "utime");
+  if (const Status status = CheckContent(frame); !status) return tl::unexpected(status.error());
+  if (frame.descriptors.count == 0) return Fail(Errc::kInvalidArgument, "descriptors");
+  const SlotId keyframe = StoreKeyframe(frame);
+  if (!keyframe.valid()) return Fail(Errc::kOutOfCapacity, "keyframes");
+  const FrameView view{frame.features, frame.descriptors};
+  Placement by_tracks = placement_;
+  if (!map_.Contains(by_tracks.reference)) by_tracks.reference = {};  // it had to make room
+  const Way way = std::exchange(way_, way_before_);
+  auto placement = PlaceFrame(view, keyframe);
+  if (!placement) {
+    way_ = way;
+    placer_.Associate(map_, view, by_tracks.camera_from_world);
+    placement = by_tracks;
+  }
+  Accept(*placement, keyframe);
+  Grow(keyframe);
+  return HandOutReport();
+}
+
+// What happens from here on belongs to the next report.
+StepReport IncrementalMapper::HandOutReport() noexcept {
   const StepReport report = report_;
   ForgetEvents();
   return report;
 }
 
-// What happens from here on belongs to the next report.
 void IncrementalMapper::ForgetEvents() noexcept {
   report_.keyframe = report_.left_window = {};
   report_.placed_late.clear();
@@ -99,9 +128,7 @@ void IncrementalMapper::ForgetEvents() noexcept {
 
 StepReport IncrementalMapper::Finish() noexcept {
   TakeAdjustment();
-  const StepReport report = report_;
-  ForgetEvents();
-  return report;
+  return HandOutReport();
 }
 
 void IncrementalMapper::Continue(const FrameObservations& frame, SlotId keyframe) noexcept {
@@ -110,10 +137,7 @@ void IncrementalMapper::Continue(const FrameObservations& frame, SlotId keyframe
   if (!placement) placement = Relocalise(view, keyframe);
   if (placement) {
     Accept(*placement, keyframe);
-    if (keyframe.valid()) {
-      Extend(keyframe);
-      BeginAdjustment(keyframe);
-    }
+    if (keyframe.valid()) Grow(keyframe);
   } else {
     CoastOn(frame.utime);
     if (frames_lost_ >= FramesBeforeRestart()) Initialise(keyframe);
@@ -122,6 +146,10 @@ void IncrementalMapper::Continue(const FrameObservations& frame, SlotId keyframe
 
 Status IncrementalMapper::Check(const FrameObservations& frame) const noexcept {
   if (frame.utime <= last_utime_) return Fail(Errc::kOutOfOrder, "utime");
+  return CheckContent(frame);
+}
+
+Status IncrementalMapper::CheckContent(const FrameObservations& frame) const noexcept {
   const DescriptorView& descriptors = frame.descriptors;
   if (descriptors.count > 0 && (descriptors.type != options_.descriptor ||
                                 Count(descriptors.count) != frame.features.size()))
@@ -170,24 +198,36 @@ SlotId IncrementalMapper::StoreKeyframe(const FrameObservations& frame) noexcept
 }
 
 // Room for one more: the oldest keyframe goes, with or without pose, but for those that the window
-// still works with. A long outage fills the map with keyframes that wait; what they wait for stays.
+// still works with or that the report tells of. A long outage fills the map with keyframes that
+// wait; what they wait for stays.
 void IncrementalMapper::Evict(SlotId except) noexcept {
   if (map_.keyframes().size() < map_.keyframe_capacity()) return;
+  auto& told = report_.placed_late;
+  const auto is_told = [&](SlotId id) {
+    return id == report_.left_window || std::find(told.begin(), told.end(), id) != told.end();
+  };
   for (const SlotId id : map_.keyframes()) {
-    if (id == except || adjuster_.Holds(id)) continue;
+    if (id == except || adjuster_.Holds(id) || is_told(id)) continue;
     map_.EraseKeyframe(id);
     return;
   }
+  // Late ones may make the window longer than the map has room for.
+  report_.left_window = {};
+  told.clear();
   map_.EraseKeyframe(map_.keyframes().front());
 }
 
 void IncrementalMapper::Accept(const Placement& placement, SlotId keyframe) noexcept {
+  placement_ = placement;
   report_.state = MapperState::kTracking;
   report_.has_pose = true;
   report_.camera_from_world = placement.camera_from_world;
   report_.num_inliers = placement.num_inliers;
   report_.covariance = placement.covariance;
   if (placement.reference.valid()) {
+    // The map is not exact: the noise of the images that its landmarks come from is in them, and
+    // comes once more in what the frame is off by against the reference.
+    report_.covariance *= 2.0;
     const Keyframe& reference = map_.keyframe(placement.reference);
     const Mat6 adjoint =
         AdjointSe3(placement.camera_from_world * reference.camera_from_world.Inverse());
@@ -205,8 +245,15 @@ void IncrementalMapper::Accept(const Placement& placement, SlotId keyframe) noex
 }
 
 void IncrementalMapper::KeepPlaced() noexcept {
-  if (placed_.utime != last_utime_) placed_before_ = placed_;
-  placed_ = base_ = next_base_ = {last_utime_, report_.camera_from_world, report_.covariance};
+  if (way_.placed.utime != last_utime_) way_.placed_before = way_.placed;
+  way_.placed = way_.base =
+      way_.next_base = {last_utime_, report_.camera_from_world, report_.covariance};
+}
+
+// A keyframe that was placed adds to the map, and the window to its adjustment.
+void IncrementalMapper::Grow(SlotId keyframe) noexcept {
+  Extend(keyframe);
+  BeginAdjustment(keyframe);
 }
 
 void IncrementalMapper::Extend(SlotId keyframe) noexcept {
@@ -248,9 +295,9 @@ void IncrementalMapper::CloseLoop(SlotId left) noexcept {
   const Rigid3 moved = CorrectMap(loops_, left, is_ned, &map_, &adjuster_);
   const Vec3 was_at = report_.camera_from_world.OriginOfTarget();
   report_.camera_from_world = report_.camera_from_world * moved.Inverse();
-  placed_.camera_from_world = base_.camera_from_world = next_base_.camera_from_world =
+  way_.placed.camera_from_world = way_.base.camera_from_world = way_.next_base.camera_from_world =
       report_.camera_from_world;
-  placed_before_.camera_from_world = placed_before_.camera_from_world * moved.Inverse();
+  way_.placed_before.camera_from_world = way_.placed_before.camera_from_world * moved.Inverse();
   if ((report_.camera_from_world.OriginOfTarget() - was_at).norm() > kUnnoticed_m ||
       LogSo3(moved.rotation).norm() > kUnnoticed_rad)
     jumps_.Expect();
@@ -267,7 +314,7 @@ void IncrementalMapper::TakeNewest(SlotId keyframe) noexcept {
 // Navigation's pose since the last placed frame.
 std::optional<KnownPose> IncrementalMapper::Predict(Utime utime) const noexcept {
   if (!report_.scale_is_metric) return std::nullopt;
-  return MoveOn(base_, utime, nav_, nav_errors());
+  return MoveOn(way_.base, utime, nav_, nav_errors());
 }
 
 void IncrementalMapper::CoastOn(Utime utime) noexcept {
@@ -279,9 +326,9 @@ void IncrementalMapper::CoastOn(Utime utime) noexcept {
     report_.has_pose = true;
     report_.camera_from_world = predicted->camera_from_world;
     report_.covariance = predicted->covariance;
-    if (utime - next_base_.utime >= rebase_us) {
-      if (next_base_.utime > base_.utime) base_ = next_base_;
-      next_base_ = *predicted;
+    if (utime - way_.next_base.utime >= rebase_us) {
+      if (way_.next_base.utime > way_.base.utime) way_.base = way_.next_base;
+      way_.next_base = *predicted;
     }
     return;
   }

@@ -89,7 +89,14 @@ class IncrementalMapper {
   //                     "features": one is not finite
   Expected<StepReport> Step(const FrameObservations& frame) noexcept;
 
-  // The longest part of what a keyframe costs, where the last Step left one; the next Step, or
+  // The frame of the last Step again, which came without descriptors and was placed: it becomes a
+  // keyframe, and its pose that which the descriptors give. The report is like Step's, of what
+  // happened since.
+  //   kOutOfOrder       "utime": not the last frame, or it was not placed, or is a keyframe
+  //   kInvalidArgument  "descriptors", "features" as for Step
+  Expected<StepReport> AddKeyframe(const FrameObservations& frame) noexcept;
+
+  // The longest part of what a keyframe costs, where the last call left one; the next Step, or
   // Finish, does it where nobody did. It may run on another thread while this one reads the mapper
   // and inserts navigation, and must have ended before Step, Finish or SetClockBack.
   void AdjustWindow() noexcept { adjuster_.Solve(); }
@@ -128,7 +135,9 @@ class IncrementalMapper {
                     WindowAdjuster adjuster);
 
   Status Check(const FrameObservations& frame) const noexcept;
+  Status CheckContent(const FrameObservations& frame) const noexcept;
   void BeginReport(Utime utime) noexcept;
+  StepReport HandOutReport() noexcept;
   void ForgetEvents() noexcept;
   void SetCamera(const AnyCamera& camera) noexcept;
   SlotId StoreKeyframe(const FrameObservations& frame) noexcept;
@@ -145,6 +154,7 @@ class IncrementalMapper {
   Expected<Placement> Relocalise(const FrameView& frame, SlotId keyframe) noexcept;
   void Accept(const Placement& placement, SlotId keyframe) noexcept;
   void KeepPlaced() noexcept;
+  void Grow(SlotId keyframe) noexcept;
   void Extend(SlotId keyframe) noexcept;
   void PlaceWaiting(SlotId newest) noexcept;
   void BeginAdjustment(SlotId keyframe) noexcept;
@@ -182,11 +192,15 @@ class IncrementalMapper {
   std::int32_t next_keyframe_id_ = 0;
   Utime last_utime_ = kNoFrame;
   bool has_world_ = false;
-  bool has_position_ = false;  // a fix says where the world is
-  KnownPose placed_;           // the last placed frame, and the one before it; kNoFrame: none in
-  KnownPose placed_before_;    // this world
-  KnownPose base_;             // the last placed frame; navigation is added to it
-  KnownPose next_base_;  // of a long outage: takes base_'s place before navigation forgets that
+  bool has_position_ = false;            // a fix says where the world is
+  struct Way {                           // as far as it was placed
+    KnownPose placed{kNoFrame, {}, {}};  // the last placed frame, and the one before it; kNoFrame:
+    KnownPose placed_before{kNoFrame, {}, {}};  // none in this world
+    KnownPose base;                             // the last placed frame; navigation is added to it
+    KnownPose next_base;  // of a long outage: takes base's place before navigation forgets that
+  };
+  Way way_, way_before_;  // that before the last frame
+  Placement placement_;   // of the last frame, where it was placed
   JumpWatch jumps_;
   bool has_seen_ = false;  // an image with features
   int frames_lost_ = 0;

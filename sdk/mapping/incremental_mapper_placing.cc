@@ -51,8 +51,8 @@ std::optional<KnownPose> IncrementalMapper::PredictMotion() const noexcept {
   std::optional<KnownPose> predicted = Predict(last_utime_);
   if (!predicted) return std::nullopt;
   const Mat6 adjoint =
-      AdjointSe3(predicted->camera_from_world * placed_.camera_from_world.Inverse());
-  predicted->covariance -= adjoint * placed_.covariance * adjoint.transpose();
+      AdjointSe3(predicted->camera_from_world * way_.placed.camera_from_world.Inverse());
+  predicted->covariance -= adjoint * way_.placed.covariance * adjoint.transpose();
   return predicted;
 }
 
@@ -61,22 +61,22 @@ std::optional<KnownPose> IncrementalMapper::PredictMotion() const noexcept {
 //   [Bar-Shalom, Li & Kirubarajan 2001, Estimation with Applications to Tracking and Navigation,
 //    6.2.2, white noise acceleration]
 std::optional<KnownPose> IncrementalMapper::PredictReach() const noexcept {
-  if (!report_.scale_is_metric || options_.max_speed_mps <= 0.0 || placed_.utime == kNoFrame)
+  if (!report_.scale_is_metric || options_.max_speed_mps <= 0.0 || way_.placed.utime == kNoFrame)
     return std::nullopt;
-  const double gone_s = std::abs(SecondsFromUs(last_utime_ - placed_.utime));
+  const double gone_s = std::abs(SecondsFromUs(last_utime_ - way_.placed.utime));
   const double reach_m = options_.max_speed_mps * gone_s;
   Vec3 went = Vec3::Zero();
   double variance = std::pow(reach_m / kGate, 2) / 3.0;
-  const double before_s = SecondsFromUs(placed_.utime - placed_before_.utime);
-  if (placed_before_.utime != kNoFrame && before_s <= kVelocityFrom_s) {
-    went = (placed_.camera_from_world.OriginOfTarget() -
-            placed_before_.camera_from_world.OriginOfTarget()) *
+  const double before_s = SecondsFromUs(way_.placed.utime - way_.placed_before.utime);
+  if (way_.placed_before.utime != kNoFrame && before_s <= kVelocityFrom_s) {
+    went = (way_.placed.camera_from_world.OriginOfTarget() -
+            way_.placed_before.camera_from_world.OriginOfTarget()) *
            (gone_s / before_s);
     if (went.norm() > reach_m) went *= reach_m / went.norm();
     variance = std::min(variance, kVelocityWalk * kVelocityWalk * std::pow(gone_s, 3) / 3.0);
   }
   constexpr double kAnyTurn = std::numbers::pi / kGate;
-  KnownPose reach{last_utime_, placed_.camera_from_world, Mat6::Zero()};
+  KnownPose reach{last_utime_, way_.placed.camera_from_world, Mat6::Zero()};
   reach.camera_from_world.translation -= reach.camera_from_world.rotation * went;
   reach.covariance.diagonal() << Vec3::Constant(kAnyTurn * kAnyTurn), Vec3::Constant(variance);
   return reach;
@@ -86,7 +86,7 @@ std::optional<KnownPose> IncrementalMapper::PredictReach() const noexcept {
 bool IncrementalMapper::IsPlausible(const Placement& placement) const noexcept {
   std::optional<KnownPose> expected = PredictMotion();
   if (!expected) expected = PredictReach();
-  return !expected || IsNear(placement.camera_from_world, *expected, placed_.camera_from_world);
+  return !expected || IsNear(placement.camera_from_world, *expected, way_.placed.camera_from_world);
 }
 
 // The same of a keyframe of before, against the frame that has its pose now.
@@ -178,7 +178,7 @@ Expected<Placement> IncrementalMapper::Relocalise(const FrameView& frame,
     if (!reach) return true;
     KnownPose from_place = *reach;
     from_place.covariance.diagonal() += recognised->way_variance;
-    return IsNear(placement->camera_from_world, from_place, placed_.camera_from_world);
+    return IsNear(placement->camera_from_world, from_place, way_.placed.camera_from_world);
   };
   if (!placement || !may_be_there() || !AgreesWithAttitude(*placement)) {
     placer_.ClearLandmarks();

@@ -1,8 +1,15 @@
 // How a mapper's world begins, gets its scale and place, and ends.
+#include <numbers>
+
 #include "rsfm/mapping/incremental_mapper.h"
 #include "rsfm/mapping/metric_scale.h"
 
 namespace rsfm {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+
+}  // namespace
 
 bool IncrementalMapper::Initialise(SlotId keyframe) noexcept {
   if (!has_world()) report_.state = has_seen_ ? MapperState::kInitialising : MapperState::kWaiting;
@@ -13,8 +20,7 @@ bool IncrementalMapper::Initialise(SlotId keyframe) noexcept {
   const auto pair = initialiser_.FindPair(map_, keyframe, placer_.matches(), nav_);
   if (!pair) return false;
   PlacePair(*pair);
-  Extend(keyframe);
-  BeginAdjustment(keyframe);
+  Grow(keyframe);
   return true;
 }
 
@@ -43,6 +49,8 @@ void IncrementalMapper::PlacePair(const InitialPair& pair) noexcept {
     start = nav_.CameraFromNed(first.nav);
     report_.world_is_ned = start.has_value() && pair.is_metric;
     if (!report_.world_is_ned) start = Rigid3();
+    if (report_.world_is_ned)
+      covariance = nav_.CovarianceFromNed(first.nav, kRadPerDeg * options_.heading_bias_sigma_deg);
     has_position_ = report_.world_is_ned && first.nav.Has(NavField::kPosition);
   }
   first.camera_from_world = *start;
@@ -113,7 +121,7 @@ void IncrementalMapper::BeginWorld() noexcept {
   report_.world = ++report_.reset_counter;
   jumps_.BeginWorld();
   loops_.Clear();
-  placed_.utime = placed_before_.utime = kNoFrame;
+  way_.placed.utime = way_.placed_before.utime = kNoFrame;
 }
 
 }  // namespace rsfm

@@ -99,7 +99,9 @@ Status MapperOptions::Validate() const noexcept {
   }
   if (descriptor == DescriptorType::kNone) return Fail(Errc::kInvalidArgument, "descriptor");
   if (track_window_px % 2 == 0) return Fail(Errc::kInvalidArgument, "track_window_px");
-  if (window_keyframes > max_keyframes) return Fail(Errc::kInvalidArgument, "window_keyframes");
+  // Beside the window, one that has left it and is told of with the next frame, and that frame.
+  if (window_keyframes + 2 > max_keyframes)
+    return Fail(Errc::kInvalidArgument, "window_keyframes");
   if (max_places > max_way_nodes) return Fail(Errc::kInvalidArgument, "max_places");
   for (const MaskRectangle& rectangle : mask) {
     if (rectangle.right <= rectangle.left || rectangle.bottom <= rectangle.top)

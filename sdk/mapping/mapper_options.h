@@ -78,7 +78,7 @@ struct MapperOptions {
   double init_min_angle_deg = 2.0;  // median over the first two views
   int init_min_inliers = 60;
   int lost_frames_before_restart = 12;  // lost that long, a new map may begin (announced)
-  int window_keyframes = 8;             // newest keyframes that window bundle adjustment moves
+  int window_keyframes = 8;  // the newest that are adjusted; at most max_keyframes - 2
   int window_landmarks = 3000;          // the most landmarks it moves
   int window_iterations = 10;
   std::uint64_t seed = 1;

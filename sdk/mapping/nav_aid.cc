@@ -96,6 +96,25 @@ std::optional<Rigid3> NavAid::CameraFromNed(const NavSample& sample) const noexc
   return rsfm::CameraFromNed({sample.ned_from_body, position}, body_from_camera_);
 }
 
+Mat6 NavAid::CovarianceFromNed(const NavSample& sample, double heading_bias_rad) const noexcept {
+  Mat6 covariance = Mat6::Zero();
+  const Vec3 attitude = StatedOr(sample.sigma_attitude_rad, defaults_.sigma_attitude_rad);
+  Vec3 turn = attitude.cwiseAbs2(), place = Vec3::Zero();
+  turn.z() += heading_bias_rad * heading_bias_rad;
+  if (sample.Has(NavField::kPosition))
+    place = StatedOr(sample.sigma_position_m, defaults_.sigma_position_m).cwiseAbs2();
+  if (sample.Has(NavField::kDepth))
+    place.z() = std::pow(StatedOr(sample.sigma_depth_m, defaults_.sigma_depth_m), 2);
+  const Mat3 camera_from_ned =
+      (body_from_camera_.rotation.conjugate() * sample.ned_from_body.conjugate())
+          .toRotationMatrix();
+  covariance.topLeftCorner<3, 3>() =
+      camera_from_ned * turn.asDiagonal() * camera_from_ned.transpose();
+  covariance.bottomRightCorner<3, 3>() =
+      camera_from_ned * place.asDiagonal() * camera_from_ned.transpose();
+  return covariance;
+}
+
 std::optional<NavFactor> NavAid::AttitudeFactor(int keyframe, const NavSample& sample,
                                                 const Vec3& rate_radps) const noexcept {
   if (!sample.Has(NavField::kAttitude)) return std::nullopt;

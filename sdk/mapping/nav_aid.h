@@ -38,6 +38,10 @@ class NavAid {
   // depth) where the sample has none. Nothing without an attitude.
   std::optional<Rigid3> CameraFromNed(const NavSample& sample) const noexcept;
 
+  // How uncertain that is, of the left perturbation (rotation, translation) of camera_from_world;
+  // zero in what defines where the world is. `heading_bias_rad` is the compass's, one sigma.
+  Mat6 CovarianceFromNed(const NavSample& sample, double heading_bias_rad) const noexcept;
+
   // Factors for window adjustment, as far as there are measurements; robust where the sensor may be
   // wrong for once. `rate_radps` and `velocity_mps` are the body's about and along the world's
   // axes, as the window has them: the clock's lever.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <opencv2/features2d.hpp>
+#include <utility>
 #include <vector>
 
 #include "rsfm/base/fixed_vector.h"
@@ -15,12 +16,13 @@
 namespace rsfm {
 namespace {
 
-constexpr float kMinCornerQuality = 0.005f;  // of the strongest corner in the image
-constexpr float kMinCorner = 0.5f;           // (grey / px)^2: twice what the noise of 8 bits makes
-constexpr float kPatchSize = 31.0f;          // px, of the description
-constexpr int kCandidatesPerShare = 4;       // corners of a cell that its share is chosen from
-constexpr int kMaxSpots = 512;               // where something is fixed to the camera
-constexpr int kSpotKeyframes = 50;           // so long nothing is sought there
+constexpr float kMinCornerQuality = 0.005f;   // of the strongest corner in the image
+constexpr float kMinCorner = 0.5f;            // (grey / px)^2: twice what the noise of 8 bits makes
+constexpr float kPatchSize = 31.0f;           // px, of the description
+constexpr int kCandidatesPerShare = 4;        // corners of a cell that its share is chosen from
+constexpr int kMaxSpots = 512;                // where something is fixed to the camera
+constexpr std::size_t kPlentyOfPoints = 100;  // with so many a pose can do without descriptors
+constexpr int kSpotKeyframes = 50;            // so long nothing is sought there
 
 // At most this many points are followed.
 int MaxPoints(const MapperOptions& options) {
@@ -68,18 +70,25 @@ class VideoFrontEnd final : public FrontEnd {
     DropClutter();
     ++frames_since_keyframe_;
     ++num_frames_;
-    const bool is_keyframe = hints.want_descriptors || NeedsKeyframe();
-    if (is_keyframe) SeekPoints();
-    Emit(image);
-    DescriptorView described{nullptr, 0, options_.descriptor};
-    if (is_keyframe) {
-      Describe();
-      described = {descriptors_.data(), static_cast<int>(features_.size()), options_.descriptor};
+    to_be_described_ = {};
+    if (hints.want_descriptors || NeedsKeyframe()) {
+      if (!hints.may_describe_later || hints.want_descriptors ||
+          tracker_.points().size() < kPlentyOfPoints)
+        return DescribedFrame(image, utime);
+      to_be_described_ = {image, utime};
     }
-    return FrameObservations{utime, features_.span(), described};
+    Emit(image);
+    return FrameObservations{utime, features_.span(), {nullptr, 0, options_.descriptor}};
   } catch (const cv::Exception&) {
-    tracker_.Clear();
-    return Fail(Errc::kUnsupported, "image");
+    return Refused();
+  }
+
+  Expected<std::optional<FrameObservations>> Describe() override try {
+    const Later later = std::exchange(to_be_described_, {});
+    if (later.image.data == nullptr) return std::nullopt;
+    return DescribedFrame(later.image, later.utime);
+  } catch (const cv::Exception&) {
+    return Refused();
   }
 
   FrontEndCounters counters() const override { return counters_; }
@@ -91,6 +100,24 @@ class VideoFrontEnd final : public FrontEnd {
   }
 
  private:
+  struct Later {
+    ImageView image;
+    Utime utime = 0;
+  };
+
+  FrameObservations DescribedFrame(const ImageView& image, Utime utime) {
+    SeekPoints();
+    Emit(image);
+    DescribePoints();
+    return {utime,
+            features_.span(),
+            {descriptors_.data(), static_cast<int>(features_.size()), options_.descriptor}};
+  }
+  tl::unexpected<Error> Refused() {
+    tracker_.Clear();
+    return Fail(Errc::kUnsupported, "image");
+  }
+
   struct Spot {
     PatchPlace place;
     int keyframe = 0;  // at which it was found
@@ -254,7 +281,7 @@ class VideoFrontEnd final : public FrontEnd {
     return cv::fastAtan2(static_cast<float>(my), static_cast<float>(mx));
   }
 
-  void Describe() {
+  void DescribePoints() {
     const std::size_t stride = Count(DescriptorStride(options_.descriptor));
     if (options_.descriptor != DescriptorType::kSift) return DescribeByOpenCv(stride);
     const FixedVector<TrackedPoint>& points = tracker_.points();
@@ -300,6 +327,7 @@ class VideoFrontEnd final : public FrontEnd {
   FixedVector<PointVerdict> verdicts_;
   FixedVector<Spot> spots_;
   FrontEndCounters counters_;
+  Later to_be_described_;
   std::uint64_t num_frames_ = 0;
   int num_keyframes_ = 0;
   CornerDetector detector_;

@@ -182,6 +182,46 @@ TEST(FrontEnd, VideoMakesAKeyframeWhenMuchHasMovedOrWhenAsked) {
   EXPECT_EQ(keyframes, (std::vector<int>{0, 4, 6}));
 }
 
+// What is described later is what would have been described at once, after the same tracks; once.
+TEST(FrontEnd, VideoDescribesLater) {
+  MapperOptions options;
+  options.rhythm = Rhythm::kVideo;
+  options.keyframe_motion = 0.02;
+  const auto at_once = Make(options), later = Make(options);
+  int num_later = 0;
+  for (int i = 0; i < 8; ++i) {
+    const BlobImage image = BlobImage::Texture(i * Vec2(2.5, 0.0));
+    const auto expected = at_once->Process(image.View(), i, {.want_descriptors = i == 6});
+    const auto tracked =
+        later->Process(image.View(), i, {.want_descriptors = i == 6, .may_describe_later = true});
+    ASSERT_TRUE(expected.has_value() && tracked.has_value());
+    const std::vector<Feature> tracks(tracked->features.begin(), tracked->features.end());
+    const bool is_described = tracked->descriptors.count > 0;
+    EXPECT_EQ(is_described, i == 0 || i == 6);
+    const auto described = later->Describe();
+    ASSERT_TRUE(described.has_value());
+    EXPECT_EQ(described->has_value(), !is_described && expected->descriptors.count > 0) << i;
+    if (*described) {
+      ++num_later;
+      const FrameObservations& frame = **described;
+      ASSERT_EQ(frame.features.size(), expected->features.size());
+      ASSERT_EQ(frame.descriptors.count, expected->descriptors.count);
+      EXPECT_EQ(frame.utime, i);
+      EXPECT_EQ(std::memcmp(frame.features.data(), expected->features.data(),
+                            frame.features.size() * sizeof(Feature)),
+                0);
+      EXPECT_EQ(std::memcmp(frame.descriptors.data, expected->descriptors.data,
+                            static_cast<std::size_t>(frame.descriptors.count) * 128),
+                0);
+      ASSERT_LE(tracks.size(), frame.features.size());
+      EXPECT_EQ(std::memcmp(tracks.data(), frame.features.data(), tracks.size() * sizeof(Feature)),
+                0);
+    }
+    EXPECT_FALSE(later->Describe()->has_value());
+  }
+  EXPECT_GE(num_later, 1);
+}
+
 // Dirt on the port: what is drawn there stays where it is while the scene goes by.
 void DrawDirt(BlobImage* image) {
   const auto spot = [image](int x, int y, int radius, int light) {

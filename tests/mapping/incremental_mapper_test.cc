@@ -5,6 +5,7 @@
 #include <cstring>
 #include <limits>
 #include <string>
+#include <thread>
 
 #include "tests/mapping/survey.h"
 
@@ -159,23 +160,130 @@ TEST(IncrementalMapper, TracksPlaceFramesBetweenKeyframes) {
   EXPECT_GE(placed, 70);  // all after the first pair
 }
 
+void Append(const StepReport& report, std::string* bytes) {
+  double values[7 + 36];
+  Quat::Coefficients::Map(values) = report.camera_from_world.rotation.coeffs();
+  Vec3::Map(values + 4) = report.camera_from_world.translation;
+  Mat6::Map(values + 7) = report.covariance;
+  bytes->append(reinterpret_cast<const char*>(values), sizeof values);
+}
+
 TEST(IncrementalMapper, SameInputsSameBytesOut) {
   std::string first;
   for (int run = 0; run < 2; ++run) {
     SurveyFlight survey(TestPort::kFlat, TestOptions());
     survey.FeedNav(20.0);
     std::string bytes;
-    for (int frame = 0; frame < 15; ++frame) {
-      const StepReport report = survey.Fly(frame);
-      double values[7 + 36];
-      Quat::Coefficients::Map(values) = report.camera_from_world.rotation.coeffs();
-      Vec3::Map(values + 4) = report.camera_from_world.translation;
-      Mat6::Map(values + 7) = report.covariance;
-      bytes.append(reinterpret_cast<const char*>(values), sizeof values);
-    }
+    for (int frame = 0; frame < 15; ++frame) Append(survey.Fly(frame), &bytes);
     if (run == 0) first = bytes;
     EXPECT_TRUE(bytes == first);
   }
+}
+
+// While another thread adjusts, navigation comes in and the map is read; whoever adjusts, and also
+// where nobody does before the next frame, the same comes out.
+TEST(IncrementalMapper, AnyThreadMayAdjust) {
+  std::string first;
+  for (const bool has_thread : {false, true}) {
+    SurveyFlight survey(TestPort::kFlat, TestOptions());
+    std::string bytes;
+    int num_adjusted = 0;
+    for (int frame = 0; frame < 15; ++frame) {
+      const StepReport report = survey.Fly(frame);
+      const bool is_due = survey.mapper().needs_adjustment();
+      num_adjusted += is_due;
+      std::thread adjustment;
+      if (has_thread) adjustment = std::thread([&] { survey.mapper().AdjustWindow(); });
+      survey.FeedNav(frame + 2.0, frame == 0 ? -1.0 : frame + 2.05);
+      std::size_t observed = 0;
+      for (const SlotId id : survey.mapper().map().keyframes())
+        observed += survey.mapper().map().landmarks_of(id).size();
+      EXPECT_TRUE(observed > 0 || frame < 2);
+      if (has_thread) adjustment.join();
+      EXPECT_EQ(survey.mapper().needs_adjustment(), is_due && !has_thread);
+      Append(report, &bytes);
+    }
+    Append(survey.mapper().Finish(), &bytes);
+    EXPECT_FALSE(survey.mapper().needs_adjustment());
+    EXPECT_GE(num_adjusted, 12);
+    if (!has_thread) first = bytes;
+    EXPECT_TRUE(bytes == first);
+  }
+}
+
+// A frame that was placed without descriptors becomes a keyframe afterwards: as one that had them
+// from the start.
+TEST(IncrementalMapper, AFrameBecomesAKeyframeOnceItsPoseIsOut) {
+  const AnyCamera camera = TestCamera(TestPort::kFlat);
+  const FeatureWorld world(FeatureWorldOptions{});
+  const auto fly = [&](bool later) {
+    SurveyFlight survey(TestPort::kFlat, TestOptions());
+    survey.FeedNav(20.0);
+    IncrementalMapper& mapper = survey.mapper();
+    std::vector<Rigid3> poses;
+    for (int frame = 0; frame < 15; ++frame) {
+      const FeatureFrame seen = world.See(camera, survey.TrueCamera(frame), frame);
+      const Utime utime = UsFromSeconds(100.0 + frame);
+      const bool is_tracking = mapper.state() == MapperState::kTracking;
+      MallocTrap trap;
+      const auto placed = mapper.Step(seen.View(utime, !later || !is_tracking));
+      if (later && is_tracking) {
+        EXPECT_EQ(placed->state, MapperState::kTracking);
+        EXPECT_FALSE(placed->keyframe.valid());
+        EXPECT_FALSE(mapper.needs_adjustment());
+        const auto keyframe = mapper.AddKeyframe(seen.View(utime));
+        EXPECT_TRUE(keyframe->keyframe.valid());
+        EXPECT_GT(keyframe->num_triangulated, 0);
+        EXPECT_TRUE(mapper.needs_adjustment());
+        EXPECT_LT((keyframe->camera_from_world.OriginOfTarget() -
+                   placed->camera_from_world.OriginOfTarget())
+                      .norm(),
+                  0.02);
+      }
+      EXPECT_EQ(trap.count(), 0u);
+    }
+    mapper.Finish();
+    for (const SlotId id : mapper.map().keyframes())
+      poses.push_back(mapper.map().keyframe(id).camera_from_world);
+    return poses;
+  };
+  const std::vector<Rigid3> at_once = fly(false), later = fly(true);
+  ASSERT_EQ(at_once.size(), 15u);
+  ASSERT_EQ(later.size(), at_once.size());
+  for (std::size_t i = 0; i < later.size(); ++i)
+    EXPECT_LT((later[i].OriginOfTarget() - at_once[i].OriginOfTarget()).norm(), 0.01) << i;
+}
+
+TEST(IncrementalMapper, OnlyTheLastPlacedFrameBecomesAKeyframe) {
+  SurveyFlight survey(TestPort::kFlat, TestOptions());
+  survey.FeedNav(20.0);
+  const AnyCamera camera = TestCamera(TestPort::kFlat);
+  const FeatureWorld world(FeatureWorldOptions{});
+  const FeatureFrame seen = world.See(camera, survey.TrueCamera(5), 5);
+  const auto refused = [&](const FrameObservations& frame, Errc code, const char* where) {
+    const std::size_t num_keyframes = survey.mapper().map().keyframes().size();
+    const auto report = survey.mapper().AddKeyframe(frame);
+    ASSERT_FALSE(report.has_value());
+    EXPECT_EQ(report.error().code, code);
+    EXPECT_STREQ(report.error().where, where);
+    EXPECT_EQ(survey.mapper().map().keyframes().size(), num_keyframes);
+  };
+  refused(seen.View(UsFromSeconds(105.0)), Errc::kOutOfOrder, "utime");  // no frame yet
+  for (int frame = 0; frame < 5; ++frame) survey.Fly(frame);
+  refused(seen.View(UsFromSeconds(105.0)), Errc::kOutOfOrder, "utime");  // not seen yet
+  refused(seen.View(UsFromSeconds(104.0)), Errc::kOutOfOrder, "utime");  // is one
+  ASSERT_TRUE(survey.mapper().Step(seen.View(UsFromSeconds(105.0), false)).has_value());
+  refused(seen.View(UsFromSeconds(104.0)), Errc::kOutOfOrder, "utime");  // not the last
+  refused(seen.View(UsFromSeconds(105.0), false), Errc::kInvalidArgument, "descriptors");
+  FrameObservations wrong_type = seen.View(UsFromSeconds(105.0));
+  wrong_type.descriptors.type = DescriptorType::kOrb;
+  refused(wrong_type, Errc::kInvalidArgument, "descriptors");
+  EXPECT_TRUE(survey.mapper().AddKeyframe(seen.View(UsFromSeconds(105.0))).has_value());
+  survey.mapper().Finish();
+  refused(seen.View(UsFromSeconds(105.0)), Errc::kOutOfOrder, "utime");  // is one by now
+  const FeatureFrame empty;
+  ASSERT_TRUE(survey.mapper().Step(empty.View(UsFromSeconds(106.0))).has_value());
+  refused(seen.View(UsFromSeconds(106.0)), Errc::kOutOfOrder, "utime");  // was not placed
 }
 
 TEST(IncrementalMapper, RefusesBadFramesUnharmed) {

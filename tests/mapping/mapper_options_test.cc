@@ -50,9 +50,11 @@ TEST(MapperOptions, RefusesContradictions) {
   options.mask.TryPushBack({10, 10, 10, 20});
   EXPECT_STREQ(options.Validate().error().where, "mask");
   options = {};
-  options.window_keyframes = 32;
+  options.window_keyframes = 15;
   options.max_keyframes = 16;
   EXPECT_STREQ(options.Validate().error().where, "window_keyframes");
+  options.window_keyframes = 14;
+  EXPECT_TRUE(options.Validate().has_value());
   options = {};
   options.max_places = 100;
   options.max_way_nodes = 99;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <functional>
 #include <iterator>
+#include <thread>
 #include <vector>
 
 #include "tests/mapping/blob_image.h"
@@ -25,7 +26,7 @@ Rig VideoRig() {
   rig.camera.lens_params = {400.0, 400.0, 240.0, 160.0};
   rig.mapper.rhythm = Rhythm::kVideo;
   rig.mapper.max_features = 300;
-  rig.mapper.max_keyframes = 8;
+  rig.mapper.max_keyframes = 10;
   rig.mapper.max_landmarks = 1000;
   return rig;
 }
@@ -48,6 +49,8 @@ std::vector<float> MapTen(const Disturbance& disturb, FeedCounters* counters) {
     disturb(&feed, i);
     const auto report = feed.Process(View(Shot(i)), kStart + i * kPeriod);
     EXPECT_TRUE(report.has_value());
+    feed.AddKeyframe();
+    EXPECT_FALSE(feed.AddKeyframe().has_value());  // is one, or none is due
     const Map& map = feed.mapper().map();
     seen.push_back(static_cast<float>(map.keyframes().size()));
     seen.push_back(static_cast<float>(map.landmarks().size()));
@@ -57,6 +60,20 @@ std::vector<float> MapTen(const Disturbance& disturb, FeedCounters* counters) {
   }
   *counters = feed.counters();
   return seen;
+}
+
+TEST(MapperFeed, AThreadOfItsOwnThatAdjustsChangesNothing) {
+  FeedCounters counters;
+  std::thread::id adjusts;
+  const std::vector<float> alone = MapTen([](MapperFeed*, int) {}, &counters);
+  const std::vector<float> with_thread = MapTen(
+      [&](MapperFeed* feed, int i) {
+        if (i == 0) feed->AdjustOnThread([&] { adjusts = std::this_thread::get_id(); });
+      },
+      &counters);
+  EXPECT_NE(adjusts, std::thread::id());
+  EXPECT_NE(adjusts, std::this_thread::get_id());
+  EXPECT_TRUE(alone == with_thread);
 }
 
 TEST(MapperFeed, ImagesOfAnotherTimeOrSizeChangeNothing) {

@@ -38,7 +38,7 @@ std::size_t PlannedBytes(const Rig& rig, const MapperFeed& feed) {
 TEST(Memory, ThePlanIsWhatIsAllocated) {
   if (!MallocTrap::IsActive()) GTEST_SKIP() << "sanitizer build";
   for (const Rhythm rhythm : {Rhythm::kVideo, Rhythm::kStills}) {
-    for (const int keyframes : {8, 64}) {
+    for (const int keyframes : {10, 64}) {
       Rig rig = DefaultRig(rhythm);
       rig.mapper.max_keyframes = keyframes;
       MallocTrap trap;
@@ -64,6 +64,7 @@ TEST(Memory, ThePlanIsWhatIsAllocated) {
     const ImageView view{image.bytes().data(), BlobImage::kWidth, BlobImage::kHeight,
                          BlobImage::kWidth, 1};
     if (!feed->Process(view, kStart + i * 200'000)) ::_exit(3);
+    feed->AddKeyframe();
   }
   const auto resident = static_cast<double>(ResidentBytes()) / kMebi;
   const auto planned = static_cast<double>(PlannedBytes(rig, *feed)) / kMebi;

@@ -25,7 +25,7 @@ class CountingSink final : public MessageSink {
 TEST(MissionPublisherTest, DoesNotAllocateOnceItIsMade) {
   Rig rig;
   rig.mapper.max_features = 600;
-  rig.mapper.max_keyframes = 8;
+  rig.mapper.max_keyframes = 10;
   rig.mapper.max_landmarks = 3000;
   rig.body_from_camera = DownwardCamera();
   FeatureWorldOptions options;
@@ -59,7 +59,7 @@ TEST(MissionPublisherTest, DoesNotAllocateOnceItIsMade) {
   EXPECT_GE(sink.keyframes, 14);
   EXPECT_GT(described, 14u * 100 * 128);
   EXPECT_GT(sink.bytes, described);
-  EXPECT_EQ(status.keyframe_capacity, 8);
+  EXPECT_EQ(status.keyframe_capacity, 10);
 }
 
 // How far the way back is off, mean, as seen from the keyframes that it passes.

@@ -41,7 +41,7 @@ port:
   thickness_m: 0.01
   index_glass: 1.52
   index_water: 1.334
-mapper: {max_features: 200, max_keyframes: 8, max_landmarks: 400}
+mapper: {max_features: 200, max_keyframes: 10, max_landmarks: 400}
 )";
 
 // The bytes of an image of noise.
@@ -245,7 +245,7 @@ TEST_F(BadInputTest, CheckListsTheMappersMemory) {
   double small_sum = 0.0, large_sum = 0.0;
   const double small = total(Path("rig.yaml"), &small_sum);
   const double large = total(
-      Write("large.yaml", Replaced(kRig, "max_keyframes: 8", "max_keyframes: 64")), &large_sum);
+      Write("large.yaml", Replaced(kRig, "max_keyframes: 10", "max_keyframes: 64")), &large_sum);
   EXPECT_NEAR(small, small_sum, 0.1);  // rounded to tenths, and hundredths
   EXPECT_NEAR(large, large_sum, 0.1);
   EXPECT_GT(large, small + 1.0);  // 56 keyframes more, of 200 features and SIFT descriptors each
@@ -253,7 +253,7 @@ TEST_F(BadInputTest, CheckListsTheMappersMemory) {
   double many = 0.0, few = 0.0, sum = 0.0;
   total(Path("rig.yaml"), &sum, &many);
   const std::string few_places =
-      Replaced(kRig, "max_keyframes: 8", "max_keyframes: 8, max_places: 100, max_way_nodes: 1000");
+      Replaced(kRig, "max_keyframes: 10", "max_keyframes: 10, max_places: 100, max_way_nodes: 1000");
   total(Write("few.yaml", few_places), &sum, &few);
   EXPECT_GT(many - few, (300 * 160 * (24 + 128) + 19000 * 2 * 64) / 1048576.0);
 }

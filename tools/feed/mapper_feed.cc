@@ -1,6 +1,7 @@
 #include "tools/feed/mapper_feed.h"
 
 #include <chrono>
+#include <utility>
 
 namespace rsfm {
 namespace {
@@ -71,9 +72,10 @@ Expected<FrameObservations> MapperFeed::Observe(const ImageView& image, Utime ut
   }
   switch (counters_.last_frame) {
     case FrameVerdict::kGood:
-      return front_end_->Process(
-          image, utime,
-          {.want_descriptors = mapper_->wants_descriptors(), .expected_px = ExpectPoints(utime)});
+      return front_end_->Process(image, utime,
+                                 {.want_descriptors = mapper_->wants_descriptors(),
+                                  .may_describe_later = true,
+                                  .expected_px = ExpectPoints(utime)});
     case FrameVerdict::kNoImage:
       return Fail(Errc::kInvalidArgument, "image");
     case FrameVerdict::kWrongSize:
@@ -97,6 +99,7 @@ Expected<FrameObservations> MapperFeed::Observe(const ImageView& image, Utime ut
 
 Expected<StepReport> MapperFeed::Process(const ImageView& image, Utime utime) {
   ++counters_.frames_received;
+  may_add_keyframe_ = false;
   const auto start = std::chrono::steady_clock::now();
   const auto frame = Observe(image, utime);
   front_end_s_ += SecondsSince(start);
@@ -107,18 +110,41 @@ Expected<StepReport> MapperFeed::Process(const ImageView& image, Utime utime) {
   const auto step_start = std::chrono::steady_clock::now();
   AwaitAdjustment();
   auto report = mapper_->Step(*frame);
-  if (adjustment_ != nullptr && mapper_->needs_adjustment()) adjustment_->Start();
+  BeginAdjustment();
   mapper_s_ += SecondsSince(step_start);
   if (!report) return report;
   counters_.frames_placed += report->state == MapperState::kTracking ? 1 : 0;
-  last_ = *report;
   last_utime_ = utime;
-  if (counters_.last_frame == FrameVerdict::kGood) {
-    predictor_.Remember(frame->features);
-    has_seen_ = report->has_pose;
-    seen_from_world_ = report->camera_from_world;
-  }
+  Remember(*frame, *report);
+  may_add_keyframe_ = report->state == MapperState::kTracking;
   return report;
+}
+
+std::optional<StepReport> MapperFeed::AddKeyframe() {
+  if (!std::exchange(may_add_keyframe_, false)) return std::nullopt;
+  const auto start = std::chrono::steady_clock::now();
+  const auto frame = front_end_->Describe();
+  front_end_s_ += SecondsSince(start);
+  if (!frame || !*frame) return std::nullopt;
+  const auto step_start = std::chrono::steady_clock::now();
+  const auto report = mapper_->AddKeyframe(**frame);
+  BeginAdjustment();
+  mapper_s_ += SecondsSince(step_start);
+  if (!report) return std::nullopt;
+  Remember(**frame, *report);
+  return *report;
+}
+
+void MapperFeed::Remember(const FrameObservations& frame, const StepReport& report) noexcept {
+  last_ = report;
+  if (counters_.last_frame != FrameVerdict::kGood) return;
+  predictor_.Remember(frame.features);
+  has_seen_ = report.has_pose;
+  seen_from_world_ = report.camera_from_world;
+}
+
+void MapperFeed::BeginAdjustment() noexcept {
+  if (adjustment_ != nullptr && mapper_->needs_adjustment()) adjustment_->Start();
 }
 
 void MapperFeed::AwaitAdjustment() noexcept {

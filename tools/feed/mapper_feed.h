@@ -5,6 +5,7 @@
 #include <array>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "rsfm/io/rig.h"
@@ -42,6 +43,9 @@ class MapperFeed {
   // then as they were. An image that shows nothing (black, torn, …) goes to the mapper without
   // features, past the front end, whose tracks go on with the next.
   Expected<StepReport> Process(const ImageView& image, Utime utime);
+  // After Process, when its pose is out, and while the image is there: where the image is a
+  // keyframe of a video, what makes it one. None where it is not, or Process has done it.
+  std::optional<StepReport> AddKeyframe();
   // After the last image: what that has left to be adjusted. last() then says what it did.
   void Finish();
   // From here on the window is adjusted by another thread, named and set up by `set_up`; what comes
@@ -68,6 +72,8 @@ class MapperFeed {
         mapper_(std::move(mapper)),
         predictor_(rig.mapper.rhythm == Rhythm::kVideo ? rig.mapper.max_features : 0) {}
   Expected<FrameObservations> Observe(const ImageView& image, Utime utime);
+  void Remember(const FrameObservations& frame, const StepReport& report) noexcept;
+  void BeginAdjustment() noexcept;
   void AwaitAdjustment() noexcept;
   std::span<const Vec2> ExpectPoints(Utime utime) noexcept;
 
@@ -79,6 +85,7 @@ class MapperFeed {
   FeedCounters counters_;
   StepReport last_;
   Utime last_utime_ = 0;
+  bool may_add_keyframe_ = false;
   bool has_seen_ = false;   // the predictor has the features of an image that was placed
   Rigid3 seen_from_world_;  // that image's camera
   double front_end_s_ = 0.0, mapper_s_ = 0.0;

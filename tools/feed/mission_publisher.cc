@@ -303,6 +303,14 @@ IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
                                        IncrementalMapper* mapper) {
   if (auto s = PublishWater(utime, mapper->water()); !s) return s;
   if (auto s = PublishPose(utime, report); !s) return s;
+  if (auto s = PublishMap(image, utime, report, mapper); !s) return s;
+  const bool is_due = utime - last_status_utime_ >= 1'000'000 || utime < last_status_utime_;
+  if (!has_status_ || is_due) return PublishStatus(utime, report, counters, *mapper);
+  return {};
+}
+
+IoStatus MissionPublisher::PublishMap(const std::string& image, Utime utime,
+                                      const StepReport& report, IncrementalMapper* mapper) {
   // Keyframes of the map are the newest, told first; then the landmarks that moved with them: so
   // what a reader moves with a keyframe and what is published moved are never the same landmark.
   bool has_moved = false;
@@ -323,8 +331,6 @@ IoStatus MissionPublisher::PublishStep(const std::string& image, Utime utime,
   for (const SlotId id : report.placed_late) {
     if (auto s = update(id); !s) return s;
   }
-  const bool is_due = utime - last_status_utime_ >= 1'000'000 || utime < last_status_utime_;
-  if (!has_status_ || is_due) return PublishStatus(utime, report, counters, *mapper);
   return {};
 }
 

@@ -58,12 +58,15 @@ class MissionPublisher {
   // Where the rig has not said it, and a fix has.
   void SetOrigin(const Geodetic& origin) { rig_.world.origin = origin; }
   IoStatus PublishNav(const NavSample& sample);
-  // The frame's pose; a keyframe where it became one, again without descriptors where one left the
-  // window or was placed late; where those are that a loop has moved, kMovedPerImage of them; the
-  // water's index at the start and when it has changed; landmarks that are new or have moved; the
-  // status once a second.
+  // The frame's pose; what has become of the map; the water's index at the start and when it has
+  // changed; the status once a second.
   IoStatus PublishStep(const std::string& image, Utime utime, const StepReport& report,
                        const FeedCounters& counters, IncrementalMapper* mapper);
+  // Of the map alone: a keyframe where the frame became one, again without descriptors where one
+  // left the window or was placed late; where those are that a loop has moved, kMovedPerImage of
+  // them; landmarks that are new or have moved.
+  IoStatus PublishMap(const std::string& image, Utime utime, const StepReport& report,
+                      IncrementalMapper* mapper);
   // The last word on every keyframe that a loop has moved or that is still in the window, every
   // landmark that has moved, a status.
   IoStatus PublishEnd(Utime utime, const StepReport& report, const FeedCounters& counters,

@@ -24,7 +24,7 @@ class Feed {
   IoStatus OpenMapper();
   IoStatus FeedNav(Utime until);
   IoStatus MapOne(const ImageTime& image);
-  void CountPlaced(const StepReport& report);
+  void CountPlaced(const StepReport& report, int world_before);
   IoStatus Close(AtomicFolder* folder, MissionWriter* writer, MissionPublisher* publisher);
   MapResult Summary() const;
 
@@ -112,13 +112,19 @@ IoStatus Feed::MapOne(const ImageTime& image) {
   const auto report = feed_->Process(*view, image.utime);
   if (!report && feed_->counters().last_frame != FrameVerdict::kGood) return {};  // counted
   if (!report) return Fail(FromError(report.error(), (list_.folder / image.image).string(), ""));
-  if (report->world != world && !report->scale_is_metric) placed_.clear();
-  CountPlaced(*report);
-  return publisher_->PublishStep(image.image, image.utime, *report, feed_->counters(),
-                                 &feed_->mapper());
+  if (auto s = publisher_->PublishStep(image.image, image.utime, *report, feed_->counters(),
+                                       &feed_->mapper());
+      !s)
+    return s;
+  CountPlaced(*report, world);
+  const auto keyframe = feed_->AddKeyframe();
+  if (!keyframe) return {};
+  CountPlaced(*keyframe, report->world);
+  return publisher_->PublishMap(image.image, image.utime, *keyframe, &feed_->mapper());
 }
 
-void Feed::CountPlaced(const StepReport& report) {
+void Feed::CountPlaced(const StepReport& report, int world_before) {
+  if (report.world != world_before && !report.scale_is_metric) placed_.clear();
   const Map& map = feed_->mapper().map();
   if (report.state == MapperState::kTracking && report.keyframe.valid())
     placed_.insert(map.keyframe(report.keyframe).id);
@@ -129,7 +135,7 @@ void Feed::CountPlaced(const StepReport& report) {
 IoStatus Feed::Close(AtomicFolder* folder, MissionWriter* writer, MissionPublisher* publisher) {
   const Utime end = list_.images.back().utime;
   feed_->Finish();
-  CountPlaced(feed_->last());
+  CountPlaced(feed_->last(), feed_->last().world);
   if (auto s = publisher->PublishEnd(end, feed_->last(), feed_->counters(), &feed_->mapper()); !s)
     return s;
   rig_.world.frame = feed_->last().world_is_ned ? WorldFrame::kNed : WorldFrame::kFirstCamera;

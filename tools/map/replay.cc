@@ -167,6 +167,11 @@ IoStatus Replay(const ImageList& list, const std::string& channel, MapperFeed* f
                                           &feed->mapper());
           !s)
         return s;
+      if (const auto keyframe = feed->AddKeyframe()) {
+        if (auto s = publisher->PublishMap(image.image, image.utime, *keyframe, &feed->mapper());
+            !s)
+          return s;
+      }
     }
     last_utime = image.utime;
     if (result->difference) return {};

@@ -154,6 +154,9 @@ class MapperLoop {
     sink_.SetTimes({frame.origin_us, MonotonicUs()});
     static_cast<void>(publisher_.PublishStep(frame.image, frame.utime, *report, feed_->counters(),
                                              &feed_->mapper()));
+    if (const auto keyframe = feed_->AddKeyframe())
+      static_cast<void>(
+          publisher_.PublishMap(frame.image, frame.utime, *keyframe, &feed_->mapper()));
     Report(frame.utime);
   }
 
@@ -222,12 +225,13 @@ void RunCapture(const WorkerOptions& options, FrameSource* source, Shared* share
 
 void RunMapper(const WorkerOptions& options, MapperFeed* feed, Shared* shared) {
   const OnboardOptions& onboard = options.rig.onboard;
-  shared->AddThreadProblem(SetUpThread("rsfm-mapper", onboard.mapper_priority, onboard.mapper_cpu));
-  // Below the mapper, where that has real-time priority: the next pose goes first.
+  // Begun before this thread is bound to a processor: it would be bound with it. Below the mapper,
+  // where that has real-time priority: the next pose goes first.
   feed->AdjustOnThread([&onboard, shared] {
     shared->AddThreadProblem(
         SetUpThread("rsfm-adjust", std::max(0, onboard.mapper_priority - 1), -1));
   });
+  shared->AddThreadProblem(SetUpThread("rsfm-mapper", onboard.mapper_priority, onboard.mapper_cpu));
   MapperLoop(options, feed, shared).Run();
   shared->Rest(Worker::kMapper);
 }
