@@ -13,7 +13,7 @@ namespace rsfm {
 struct Flight {
   std::vector<StepReport> reports;
   std::vector<Vec3> found, truth;  // the body, where there is a pose
-  std::vector<double> nees;        // of the frames with a pose
+  std::vector<double> nees;        // of the frames with a pose in a NED world
   // The same of parts: along north and east, down, about the level axes, about the vertical.
   std::vector<Vec4> partial_nees;  // of 2, 1, 2 and 1 degrees of freedom
   std::size_t heap_calls = 0;
@@ -56,12 +56,13 @@ inline Flight Fly(const SimulatedMission& mission, IncrementalMapper* mapper, in
     const BodyPose body =
         ToBodyPose(report->camera_from_world, report->covariance, DownwardCamera());
     const Rigid3 truth = mission.Body(mission.TimeOf(frame));
-    if (flight.found.empty()) {
+    if (flight.nees.empty()) {
       offset = body.world_from_body.translation - truth.translation;
       offset.z() = 0.0;
     }
     flight.found.push_back(body.world_from_body.translation);
     flight.truth.push_back(truth.translation);
+    if (!report->world_is_ned) continue;
     const Vec6 error = PoseError(body, truth, offset);
     flight.nees.push_back(Nees(error, body.covariance));
     flight.partial_nees.push_back(PartialNees(error, body.covariance));
